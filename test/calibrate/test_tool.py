@@ -99,17 +99,6 @@ def test_the_force_alone_will_do():
     assert fit.damping == pytest.approx(D, abs=4.5 * np.sqrt(fit.covariance[1, 1]))
 
 
-@pytest.mark.long
-def test_errors_of_the_ringing_hold():
-    true = np.array([K, D, 0.003])
-    off = []
-    for seed in range(60):
-        fit = fit_ring(ringing(delay=0.003, seed=seed), stiffness=(K, 1.0))
-        off.append((np.array(fit[:3]) - true) / np.sqrt(np.diag(fit.covariance)))
-    assert (np.sqrt((np.array(off)[:, 1:]**2).mean(axis=0)) < 1 + 4 / np.sqrt(120)).all()
-    assert (np.sqrt((np.array(off)[:, 1:]**2).mean(axis=0)) > 1 - 4 / np.sqrt(120)).all()
-
-
 def test_what_the_robot_still_moves_is_taken_out():
     moved = ringing(noise=0, way=2e-5)
     assert abs(fit_ring(moved).damping - D) > 0.02

@@ -46,7 +46,7 @@ SINGLE = {'tool_mass': ('change', 0.05, lambda s: moving(201, 1.05 * MASS, secon
 
 
 @pytest.mark.parametrize('name', SINGLE)
-@pytest.mark.parametrize('seconds', first([60.0, 285.0]))
+@pytest.mark.parametrize('seconds', first([30.0, 285.0]))
 def test_an_effect_is_named_and_gains_stay_however_long_the_recording(tool, name, seconds):
     parameter, size, make = SINGLE[name]
     outcome = found(tool, make(seconds)).outcome

@@ -4,15 +4,18 @@ from dataclasses import replace
 from functools import cache
 from itertools import cycle
 
+from changed import with_values
 from effects_runs import changed, clean, having, nominal, pressing, RIG, RIGID, typical
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.core.streams import Stream
 from forcecal_ros.effects import (
+    AccelerometerEffects,
     applicable,
     EFFECTS,
     named_effects,
     physical_rig,
     with_effects,
+    WrenchEffects,
 )
 from forcecal_ros.sim.rig.file import dump_rig, load_rig
 from forcecal_ros.sim.rig.plant import enough_steps
@@ -20,7 +23,6 @@ from forcecal_ros.sim.rig.simulator import checked_commands, Samples, SIGNALS, s
 from longer import first
 import numpy as np
 import pytest
-from signal_effects import apply_signal_effects
 import yaml
 
 MOVES = {
@@ -126,6 +128,19 @@ def test_at_its_limits_everything_stays_finite(effect):
         recording = clean(with_effects(RIG, {effect.name: values}), shorter)
         assert np.isfinite(recording.wrench.values).all()
         assert np.abs(recording.accelerometer.values).max() < 1e3
+
+
+def apply_signal_effects(recording, rig):
+    """Apply a rig's effects on sampled signals to a recording that lacks them."""
+    model = rig.accelerometer.model()
+    gain, offset = ((np.ones(3), np.zeros(3)) if recording.accelerometer_unit == 'V'
+                    else (np.array(model.gain), np.array(model.offset)))
+    period = 1.0 / recording.wrench.rate
+    wrench, accelerometer = WrenchEffects(rig, period), AccelerometerEffects(rig, None, period)
+    recording = with_values(
+        recording, lambda values: wrench.after_noise(wrench.before_noise(values)))
+    return with_values(recording, lambda felt: (accelerometer.after_noise(
+        accelerometer.before_noise(felt * gain + offset)) - offset) / gain, 'accelerometer')
 
 
 @signal_effects

@@ -15,7 +15,6 @@ from forcecal_ros.diagnose.engine import Outcome
 from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter
 from forcecal_ros.diagnose.recordings import require_axes_of
 from forcecal_ros.diagnose.result import Diagnosis
-from forcecal_ros.diagnose.sources.pair import PairSource
 from forcecal_ros.diagnose.sources.simulated_tool import simulated_tool
 from forcecal_ros.diagnose.sources.simulator import inputs_of, SimulatorSource
 from forcecal_ros.io.bags import write_recording
@@ -613,31 +612,6 @@ def sample():
     source = files('forcecal_ros') / 'config' / 'examples' / 'rigid_arm.xml'
     arm = third_party('rigid_arm.xml', load_mujoco(str(source)))
     return arm, recorded(arm, {}, seed=4)
-
-
-def turned_wrench(by):
-    R = rotation_from_vector(np.radians(by))
-    return lambda w, pose: np.hstack([w[:, :3] @ R, w[:, 3:] @ R])
-
-
-def spoilt(real, fault):
-    at = np.clip(np.searchsorted(real.pose.t, real.wrench.t), 0, len(real.pose) - 1)
-    values = fault(real.wrench.values, real.pose.R_base_sensor[at])
-    return replace(real, wrench=replace(real.wrench, values=values))
-
-
-@pytest.mark.parametrize('fault, said', first([
-    (turned_wrench([0.0, 0.0, 20.0]), 'rotated'), (lambda w, pose: -w, 'it has the opposite sign'),
-    (lambda w, pose: w / ([9.80665] * 3 + [1.0] * 3), 'its forces are in kgf')]))
-def test_frame_sign_and_units_of_the_robots_wrench_are_asked_before_effects(sample, fault, said):
-    arm, real = sample
-    wrong, rig = spoilt(real, fault), load_rig('rigid_tool.yaml')
-    source = (PairSource(rig, arm.run(inputs_of(real), arm.nominal)) if said == 'rotated'
-              else SimulatorSource(arm, rig))
-    found = source.diagnose(wrong).diagnosis
-    assert found.verdict == 'invalid_data'
-    assert said in found.reason
-    assert 'at rest' not in found.reason
 
 
 @pytest.mark.parametrize('factors, change', first([
