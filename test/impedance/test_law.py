@@ -83,6 +83,16 @@ def test_impedance_relation_vanishes_for_a_tool_that_moves_as_wanted():
     assert e.C @ X + e.D * command + e.F * 10.0 == pytest.approx(0.0, abs=1e-6)
 
 
+def test_steady_force_gives_way_by_the_wanted_stiffness(designed):
+    tool, _ = follow(designed.law, process(PLANT), 4.0, push=5.0)
+    assert tool[-1] == pytest.approx(5.0 / WANTED.stiffness, rel=1e-4)
+
+
+def test_steady_reference_is_reached(designed):
+    tool, _ = follow(designed.law, process(PLANT), 4.0, reference=0.02)
+    assert tool[-1] == pytest.approx(0.02, rel=1e-4)
+
+
 def test_the_way_there_is_that_of_the_wanted_mass_damper_and_spring(designed):
     tool, _ = follow(designed.law, process(PLANT), 1.5, push=5.0)
     t = np.arange(len(tool)) * designed.law.period

@@ -137,10 +137,11 @@ def test_one_bad_sample_leaves_no_trace_beyond_its_own_instant():
     assert state.refusals.counts == (1, 1, 2, 1)
 
 
-def test_a_wrench_that_is_no_number_repeats_the_last_estimate_and_says_so():
+@pytest.mark.parametrize('value', [nan, 1e10])
+def test_a_wrench_that_is_no_reading_repeats_the_last_estimate_and_says_so(value):
     r = record(0.5)
     values = r.wrench.values.copy()
-    values[300, 4] = nan
+    values[300, 4] = value
     estimate = replay(replace(r, wrench=Stream(r.wrench.t, values)), calibration())
     assert estimate.status[300] == Status.BAD_WRENCH
     assert (estimate.contact[300] == estimate.contact[299]).all()
