@@ -137,7 +137,7 @@ def test_what_carries_a_simulated_tool_for_a_while_is_not_taken_for_its_mass():
 
 @pytest.mark.parametrize('effects, noisy, named', [
     pytest.param({}, True, [], marks=pytest.mark.long),
-    ({'robot_delay': {'delay': 0.006}}, True, []),
+    pytest.param({'robot_delay': {'delay': 0.006}}, True, [], marks=pytest.mark.long),
     ({'wrench_delay': {'delay': 0.004}}, False, ['wrench_delay'])])
 def test_what_a_simulator_does_in_quick_motion_is_compared(effects, noisy, named):
     robot = simulate(with_effects(RIG, effects), shaken(), seed=3)

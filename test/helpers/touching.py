@@ -10,7 +10,7 @@ from own_arm import commands, LATE, RIG
 
 WALL, RUBS = {'position': 1.28, 'stiffness': 1e4, 'damping': 50.0}, 0.3
 TIP = np.array(RIG.tool.tip)
-PRESS_S, FREE_S = 12.0, 10.0
+PRESS_S, FREE_S = 12.0, 16.0
 
 
 def rising(t, begin, end):
