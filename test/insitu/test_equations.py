@@ -6,8 +6,6 @@ from forcecal_ros.insitu.blocks import Mounting, prepare, Prepared, to_blocks
 from forcecal_ros.insitu.equations import (
     body_map,
     Load,
-    MOVING,
-    moving_regressors,
     STATIC,
 )
 from forcecal_ros.insitu.moments import accumulate, smooth, window_samples
@@ -15,7 +13,7 @@ from forcecal_ros.insitu.offset import offset_of, principal_basis
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import insitu_leg
-from insitu_leg import ACCELEROMETER, GAUGES, Leg, OFFSET, record
+from insitu_leg import GAUGES, Leg, OFFSET, record
 from insitu_leg import Load as Added
 from insitu_runs import chunks_of
 import numpy as np
@@ -154,21 +152,6 @@ def test_more_than_six_channels_are_combined_by_their_noise():
     _, fit = solved(channels, noise)
     np.testing.assert_allclose(fit.matrix @ channels, np.eye(6), atol=1e-7)
     assert np.abs(fit.matrix[:, 6:]).max() < 1e-2 * np.abs(fit.matrix[:, :6]).max()
-
-
-@pytest.mark.parametrize('load', [Added(0.0), ADDED])
-def test_the_map_in_motion_is_what_an_independent_simulator_feels(load):
-    leg = Leg(noise=0.0, inertial=True, speed=8.0)
-    log = record(load, leg, 5)
-    _, omega, alpha = insitu_leg.motion(
-        log.t, np.random.default_rng(5).uniform(0, 2 * np.pi), leg.speed)
-    np.testing.assert_allclose(omega, log.gyro)
-    body = Load(insitu_leg.BODY_MASS, insitu_leg.BODY_COM).parameters(MOVING)
-    J = insitu_leg.BODY_INERTIA
-    body[4:10] += [J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2]]
-    body += Load(load.mass, load.position).parameters(MOVING)
-    regressors = moving_regressors(-log.accel, omega, alpha, ACCELEROMETER)
-    np.testing.assert_allclose(regressors @ body_map(body, MOVING).T, log.wrench, atol=1e-10)
 
 
 def test_blocks_of_a_long_recording_stay_few_and_keep_their_noise(noisy, monkeypatch):
