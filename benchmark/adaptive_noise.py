@@ -15,6 +15,7 @@ from pathlib import Path
 import sys
 
 from forcecal_ros.calibrate.delay import estimate_delay, with_delay
+from forcecal_ros.core.calibration import Estimate, Noise
 from forcecal_ros.core.streams import Stream
 from forcecal_ros.observe import design, ObserverSettings, replay, Status
 import numpy as np
@@ -22,10 +23,26 @@ from scipy.signal import butter, sosfiltfilt
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / 'test' / 'helpers'))
-from kuka import kuka_recording, static_calibration, with_noise_at_rest, WRENCH_RATE
+from kuka import GRAVITY, kuka_recording, static_calibration, table
 from observing import calibration, GAIN, MASS, push, record, Swing, VOLTS_NOISE
 
+WRENCH_RATE, ACCELEROMETER_RATE = 698.0, 254.0
+"""Of the real arm [Hz]."""
+
 FACTORS = (1.0, 3.0, 10.0, 30.0, 100.0)
+
+
+def with_noise_at_rest(folder, known):
+    """Return the calibration with the noise of the arm's sensors at rest."""
+    wrench = table(folder / '0-steady-state_wrench.csv')[:, -6:]
+    force = table(folder / '0-steady-state_accel.csv')[:, -3:] * GRAVITY
+    to_sensor = np.linalg.inv(known.accelerometer.matrix)
+    return replace(known, noise=Noise(
+        Q=Estimate(np.eye(2), 0.0, '(m, m/s)^2 s'),
+        R=Estimate(np.eye(3), 0.0, '(m, m/s, m/s^2)^2 s'),
+        wrench=Estimate(np.cov(wrench.T), 0.0, '(N, N m)^2'),
+        specific_force=Estimate(to_sensor @ np.cov(force.T) @ to_sensor.T, 0.0, '(m/s^2)^2'),
+        wrench_rate=WRENCH_RATE, accelerometer_rate=ACCELEROMETER_RATE))
 
 
 def on_the_rig():

@@ -6,7 +6,7 @@
     python benchmark/false_refusals.py --runs 0 --live 40 --at-once 4 --load 0   # or each other
 
 Offline the sequencer's state machine and watch run against the simulated rig on one seeded clock
-(test/helpers/late_computer.py): commands come up to 0.5 s late, stamps jitter by up to 3 ms, one
+(late_computer.py): commands come up to 0.5 s late, stamps jitter by up to 3 ms, one
 stream misses up to 50 ms three times, and both processes wait for the processor as they do beside
 zero to two busy processes a core. Nothing is wrong with rig and sensors, so that every refusal is
 false. A warning is true where an estimate that it calls into question is off by more than three

@@ -15,15 +15,38 @@ import sys
 from forcecal_ros.observe import design, ObserverSettings, replay
 from forcecal_ros.observe.bandwidth import noise_levels
 from forcecal_ros.observe.design import accuracy, noise_of_force
-from forcecal_ros.observe.settings import CONTACT_WALK
+from forcecal_ros.observe.settings import CONTACT_WALK, POSE_RATE_HZ
 import numpy as np
+from scipy.linalg import solve_discrete_are
 from scipy.signal import welch
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / 'test' / 'helpers'))
-from joint_filter import design_joint
 from observing import calibration, push, record
 from wandering import ACCELEROMETERS, known, SWING, wandering
+
+
+def joint_std(levels, mass, settings, dt):
+    """
+    Return the error of the force [N] by one Kalman filter of place, offset and force together.
+
+    x = [p, v, o, F], the accelerometer as input: dv/dt = f - o + g. Measured are p and
+    u - m a = F + m o, whose noise (m times the accelerometer's) is also the noise that drives v.
+    """
+    A = np.eye(4)
+    A[0, 1], A[0, 2], A[1, 2] = dt, -dt * dt / 2, -dt
+    f = levels.specific_force / dt
+    drive = np.array([dt * dt / 2, dt, 0.0, 0.0])
+    Q = f * np.outer(drive, drive)
+    walk = CONTACT_WALK if settings.contact_walk is None else settings.contact_walk
+    Q[2, 2] += 5e-4 ** 2 * dt
+    Q[3, 3] += walk ** 2 * dt
+    C = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, mass, 1.0]])
+    p_variance = settings.pose_position_std ** 2 / POSE_RATE_HZ / dt
+    R = np.diag([p_variance, levels.force / dt + mass ** 2 * f])
+    P = solve_discrete_are(A.T, C.T, Q, R, s=np.stack([np.zeros(4), mass * f * drive], axis=1))
+    updated = P - P @ C.T @ np.linalg.solve(C @ P @ C.T + R, C @ P)
+    return np.sqrt(updated[3, 3])
 
 
 def compared(noise: float, name: str, settings: ObserverSettings, seeds: int) -> tuple:
@@ -33,9 +56,8 @@ def compared(noise: float, name: str, settings: ObserverSettings, seeds: int) ->
                        pose_rotation_std=noise * settings.pose_rotation_std)
     model = design(calibration, settings)
     promised = accuracy(calibration, model, settings)
-    best = np.sqrt(design_joint(
-        noise_levels(calibration.noise), 13.0,
-        replace(settings, pose_position_std=noise * 2e-5), 1e-3).updated[3, 3])
+    best = joint_std(noise_levels(calibration.noise), 13.0,
+                     replace(settings, pose_position_std=noise * 2e-5), 1e-3)
     errors, nis = [], []
     inverse = np.linalg.inv(promised.innovation)
     for seed in range(seeds):

@@ -22,7 +22,7 @@ sys.path.insert(0, str(ROOT / 'test' / 'helpers'))
 import gravity_arm as arm
 from kuka import kuka_recording, static_calibration
 from observing import calibration
-from payloads import at_rest, laid_on, on_the_arm, on_the_rig, PUSHES
+from payloads import after, at_point, laid_on, on_the_rig, PUSHES, weight
 
 START, LATER = 5.0, 10.0
 """When the arm is loaded, and after how long the mass is looked at [s]."""
@@ -52,6 +52,24 @@ def row(name, rows):
         late = f'{taken} of {len(rows)}, {late}'
     print(f'| {name} | {soon} | {late} | {np.abs(error).max():.2f} | '
           f'{np.sqrt(np.mean(z ** 2)):.1f} |', flush=True)
+
+
+def on_the_arm(seed, load=0.0, push='none', size=0.0, start=5.0, seconds=20.0):
+    """Swing the arm of gravity_arm, load or push from ``start`` on; recording and calibration."""
+    calibration, drift = arm.calibrate(np.random.default_rng(seed), seconds=2.0)
+    rng = np.random.default_rng(10 * seed + 1)
+    moving = arm.free_motion(rng, seconds)
+    force = PUSHES[push](moving, rng, size) * after(moving.t, start)
+    contact = weight(moving, load, start) + at_point(force)
+    return arm.record(moving, rng, contact, accelerometer_bias=drift), calibration
+
+
+def at_rest(seed, load, start=2.0, seconds=8.0):
+    """Let the arm stand still and be loaded."""
+    calibration, drift = arm.calibrate(np.random.default_rng(seed), seconds=2.0)
+    moving = arm.resting(np.array([[0.3, 0.2, 1.0]]) / np.linalg.norm([0.3, 0.2, 1.0]), seconds)
+    return arm.record(moving, np.random.default_rng(seed), weight(moving, load, start),
+                      accelerometer_bias=drift), calibration
 
 
 def payloads(seeds):

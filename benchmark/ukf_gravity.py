@@ -136,8 +136,9 @@ def plot_over_noise(worst, file):
 
 def on_real_arm():
     """Print what each filter leaves of free motion, where the truth is zero."""
+    from adaptive_noise import with_noise_at_rest
     from forcecal_ros.calibrate.delay import estimate_delay, with_delay
-    from kuka import kuka_recording, slow, static_calibration, with_noise_at_rest
+    from kuka import kuka_recording, slow, static_calibration
     folder = Path(os.environ.get('FORCECAL_DATA') or ROOT.parent / 'shared' / 'data')
     folder /= 'kuka_lbr_med'
     recording, static = kuka_recording(folder, '1-baseline'), static_calibration(folder)

@@ -9,12 +9,12 @@ from forcecal_ros.sim.third_party import load_simulator
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-t = 0.004 * np.arange(4001)
-noise = np.random.default_rng(0).normal(size=(4, 8000, 3))
-u = np.clip(t - 1.0, 0.0, 14.0)  # a second of rest at both ends
-swing = np.sin(np.pi * u / 14.0)[:, None] ** 4 * np.sin(np.outer(u, [2.1, 1.7, 2.9]))
+t = 0.004 * np.arange(2001)
+noise = np.random.default_rng(0).normal(size=(4, 4000, 3))
+u = np.clip(t - 1.0, 0.0, 6.0)  # a second of rest at both ends
+swing = np.sin(np.pi * u / 6.0)[:, None] ** 4 * np.sin(np.outer(u, [2.1, 1.7, 2.9]))
 target = PoseStream(t, 0.03 * swing, Rotation.from_rotvec(0.7 * swing).as_matrix())
-real = load_simulator('my_robot:make').run(Inputs(0.0, 16.0, target), [1.26, 0.072])
+real = load_simulator('my_robot:make').run(Inputs(0.0, 8.0, target), [1.26, 0.072])
 wrench = real.wrench.values + np.hstack([0.15 * noise[0], 0.006 * noise[1]])
 turn = Rotation.from_rotvec(2e-4 * noise[3]).as_matrix()
 write_recording('real', replace(

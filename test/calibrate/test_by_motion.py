@@ -2,13 +2,14 @@
 
 from dataclasses import replace
 
+from changed import later, with_values
 from forcecal_ros.calibrate.joint import require_tool
 from forcecal_ros.calibrate.pipeline import calibrate_by_motion, fit_motion, identify
 from forcecal_ros.calibrate.settings import IdentificationSettings
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.errors import DataError, UnobservableError
 from forcecal_ros.core.geometry import rotation_from_vector
-from forcecal_ros.core.streams import PoseStream, Stream
+from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.io.bags import write_recording
 from forcecal_ros.io.calibration_file import load
 from forcecal_ros.motion.continuous import MultiSine
@@ -93,11 +94,10 @@ def test_static_poses_of_one_orientation_leave_it_to_the_motion(whole):
 
 
 def test_contact_for_a_third_of_the_time(moving):
-    values = moving.wrench.values.copy()
-    n = len(values) // 9
-    for i, push in enumerate(([0, 20, 30, 2, 0, 0], [15, -10, 20, 0, 2, 1], [0, 0, 40, -3, 1, 0])):
-        values[(3 * i + 1) * n:(3 * i + 2) * n] += push
-    assert_nominal(identify(replace(moving, wrench=replace(moving.wrench, values=values))))
+    pushes = ([0, 20, 30, 2, 0, 0], [15, -10, 20, 0, 2, 1], [0, 0, 40, -3, 1, 0])
+    which = np.arange(len(moving.wrench)) * 9 // len(moving.wrench)
+    push = np.choose(which[:, None] // 3, pushes) * (which % 3 == 1)[:, None]
+    assert_nominal(identify(with_values(moving, lambda values: values + push)))
 
 
 def test_without_positions_there_is_no_inertia(moving):
@@ -122,33 +122,28 @@ def test_too_short_a_recording_is_refused(moving):
 @pytest.mark.parametrize('late', [-0.09, 0.028])
 @pytest.mark.long
 def test_a_delay_is_found(moving, late):
-    wrench = Stream(moving.wrench.t + late, moving.wrench.values)
-    calibration = identify(replace(moving, wrench=wrench, accelerometer=None))
-    assert_nominal(calibration)
-    later = fitted(replace(moving, wrench=wrench)).delay - fitted(moving).delay
-    assert later == pytest.approx(late, abs=1e-4)
+    delayed = later(moving, late)
+    assert_nominal(identify(replace(delayed, accelerometer=None)))
+    assert fitted(delayed).delay - fitted(moving).delay == pytest.approx(late, abs=1e-4)
 
 
 def test_clocks_apart_are_refused(moving):
-    late = Stream(moving.wrench.t + 0.08, moving.wrench.values)
     with pytest.raises(DataError, match='at the search limit'):
-        fitted(replace(moving, wrench=late), IdentificationSettings(largest_delay=0.05))
+        fitted(later(moving, 0.08), IdentificationSettings(largest_delay=0.05))
 
 
 def test_forces_of_no_rigid_tool_are_refused(moving):
     noise = np.random.default_rng(3).normal(size=(34, 6))
     pushes = np.repeat(noise, len(moving.wrench) // 34 + 1, axis=0)[:len(moving.wrench)]
     with pytest.raises(UnobservableError, match='standard error of'):
-        fitted(replace(moving, wrench=Stream(moving.wrench.t, 50.0 * pushes)))
-    mirrored = Stream(moving.wrench.t, moving.wrench.values * [1, 1, -1, 1, 1, -1])
+        fitted(with_values(moving, lambda values: 50.0 * pushes))
     with pytest.raises(DataError, match='forces differ from those of a rigid tool'):
-        fitted(replace(moving, wrench=mirrored))
+        fitted(with_values(moving, lambda values: values * [1, 1, -1, 1, 1, -1]))
 
 
 def test_rotated_axes_make_the_estimates_suspect(moving):
     R = rotation_from_vector(np.array([0.1, 0.0, 0.2]))
-    turned = replace(moving.wrench, values=moving.wrench.values @ np.kron(np.eye(2), R))
-    recording = replace(moving, wrench=turned)
+    recording = with_values(moving, lambda values: values @ np.kron(np.eye(2), R))
     with pytest.raises(DataError, match='its axes are rotated'):
         identify(recording)
     settings = IdentificationSettings()
@@ -159,9 +154,8 @@ def test_rotated_axes_make_the_estimates_suspect(moving):
 
 
 def test_opposite_sign_is_refused(moving):
-    other = replace(moving, wrench=replace(moving.wrench, values=-moving.wrench.values))
     with pytest.raises(DataError, match='wrench-sign -1'):
-        identify(other)
+        identify(with_values(moving, lambda values: -values))
 
 
 def test_the_command_writes_a_calibration_that_the_observer_takes(moving, tmp_path, capsys):

@@ -1,28 +1,17 @@
 """A calibration is never wrong in silence: faulty runs are refused, or say what they spoil."""
 
-from fault_calibration_runs import FAULTS, judged
-from longer import but, first
+from fault_calibration import judged
+from longer import first
 import pytest
 
 CLEAR = {
-    'collision on the way': 'inertia', 'collision in the step': 'accelerometer',
-    'contact in one pose': 'mass', 'tool changed half-way': 'mass', 'tool friction': 'tool',
-    'wrench axes swapped': '', 'wrench tared half-way': 'wrench_bias',
-    'ac accelerometer declared dc': 'accelerometer', 'accelerometer saturates': '',
-    'accelerometer axis dead': '', 'accelerometer garbage': '',
-    'gravity not down': 'mass', 'wrench of wrong sign': '', 'wrench channel stuck half-way': '',
-    'pose stuck': '', 'optidrive of wrong sign': '', 'pose slips half-way': ''}
+    'collision on the way': 'inertia', 'tool friction': 'tool',
+    'wrench tared half-way': 'wrench_bias', 'accelerometer saturates': '',
+    'optidrive of wrong sign': ''}
 """Faults, and an estimate that is called into question where they are strong."""
 
-ELSEWHERE = {'tool changed half-way', 'pose slips half-way', 'collision in the step',
-             'wrench of wrong sign', 'ac accelerometer declared dc',
-             'wrench axes swapped', 'gravity not down',
-             'contact in one pose', 'wrench channel stuck half-way', 'pose stuck',
-             'accelerometer garbage', 'accelerometer axis dead'}
-"""Refused or flagged by the same checks in other tests, too."""
 
-
-@pytest.mark.parametrize('fault', but(CLEAR, ELSEWHERE))
+@pytest.mark.parametrize('fault', CLEAR)
 def test_no_estimate_is_far_off_without_being_called_into_question(fault):
     verdict = judged(fault, 0)
     assert verdict.word in {'refused', 'flagged', 'right'}
@@ -54,9 +43,3 @@ def test_a_short_contact_in_one_pose_does_no_harm():
 
 def test_a_healthy_run_says_nothing():
     assert judged('none', 200).word == 'right'
-
-
-def test_the_matrix_has_every_kind_of_fault_that_a_sensor_can_have():
-    for sensor in ('wrench', 'accelerometer', 'optidrive'):
-        assert {f'{sensor} {kind}' for kind in ('off', 'stuck', 'garbage', 'wrong', 'slow',
-                                                'intermittent')} <= set(FAULTS)

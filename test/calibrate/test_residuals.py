@@ -1,12 +1,11 @@
 """Poses that are off are named and no others; a drift at rest is, and noise is none."""
 
-from dataclasses import replace
 
 from calibration_runs import run
+from changed import with_values
 from forcecal_ros.calibrate.pipeline import identify
 from forcecal_ros.calibrate.residuals import drift, PoseError, rejected, touched
 from forcecal_ros.calibrate.tool import Statics
-from forcecal_ros.core.streams import Stream
 from forcecal_ros.report.calibration import in_words
 from longer import first
 import numpy as np
@@ -27,10 +26,9 @@ def sound(recording):
 def pulled(recording, pose, force):
     """Calibrate where a cable pulls along y while one pose is measured."""
     phase = [one for one in recording.phases if one.name == 'measure'][pose - 1]
-    wrench = recording.wrench
-    values = np.array(wrench.values)
-    values[(wrench.t >= phase.start - 0.5) & (wrench.t < phase.end), 1] += force
-    return identify(replace(recording, wrench=Stream(wrench.t, values, wrench.frame)))
+    t = recording.wrench.t
+    pull = np.outer((t >= phase.start - 0.5) & (t < phase.end), force * np.eye(6)[1])
+    return identify(with_values(recording, lambda values: values + pull))
 
 
 def test_a_sound_run_rejects_no_pose(sound):

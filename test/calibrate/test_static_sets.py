@@ -1,11 +1,9 @@
 """Sets of static poses: sound ones raise no alarm, and what nature forbids is no result."""
 
-from dataclasses import replace
-
+from changed import with_values
 from forcecal_ros.calibrate.pipeline import identify
 from forcecal_ros.calibrate.settings import IdentificationSettings
 from forcecal_ros.core.errors import DataError
-from forcecal_ros.core.streams import Stream
 from kuka import GRAVITY, static_recording
 from longer import first
 import numpy as np
@@ -13,11 +11,6 @@ import pytest
 from static_sets import static_set
 
 SETS = 60
-
-
-def with_wrench(recording, change):
-    values = np.array(recording.wrench.values)
-    return replace(recording, wrench=Stream(recording.wrench.t, change(values)))
 
 
 @pytest.fixture(scope='module')
@@ -61,7 +54,7 @@ def test_a_pull_in_one_pose_of_single_samples_is_named(kuka_data):
     def pull(values):
         values[6, 0] += 1.0
         return values
-    found = identify(with_wrench(static_recording(kuka_data), pull),
+    found = identify(with_values(static_recording(kuka_data), pull),
                      IdentificationSettings(gravity=GRAVITY))
     assert any('do not fit one tool: pose 7 deviates by +0.8' in line
                for line in found.quality['warnings'])
@@ -70,7 +63,7 @@ def test_a_pull_in_one_pose_of_single_samples_is_named(kuka_data):
 def test_single_samples_that_scatter_do_not_fit_one_tool(kuka_data):
     def scatter(values):
         return values + np.random.default_rng(1).standard_normal(values.shape) * [2, 2, 2, 0, 0, 0]
-    found = identify(with_wrench(static_recording(kuka_data), scatter),
+    found = identify(with_values(static_recording(kuka_data), scatter),
                      IdentificationSettings(gravity=GRAVITY))
     assert any('do not fit one tool: they scatter in force.x' in line
                for line in found.quality['warnings'])
@@ -79,20 +72,18 @@ def test_single_samples_that_scatter_do_not_fit_one_tool(kuka_data):
 @pytest.mark.parametrize('factor', first([100.0, 1000.0]))
 def test_torques_in_another_unit_are_refused_by_their_centre_of_mass(kuka_data, factor):
     with pytest.raises(DataError, match='centre of mass is .* unit of the torques'):
-        identify(with_wrench(static_recording(kuka_data),
+        identify(with_values(static_recording(kuka_data),
                              lambda values: values * np.repeat([1.0, factor], 3)),
                  IdentificationSettings(gravity=GRAVITY))
 
 
 def test_an_imu_in_g_is_refused(kuka_data):
-    recording = static_recording(kuka_data)
-    stream = recording.accelerometer
     with pytest.raises(DataError, match='it is in g; multiply by 9.80665'):
-        identify(replace(recording, accelerometer=Stream(stream.t, stream.values / 9.80665)),
+        identify(with_values(static_recording(kuka_data), lambda v: v / 9.80665, 'accelerometer'),
                  IdentificationSettings(gravity=GRAVITY))
 
 
 def test_a_wrench_in_kgf_is_questioned(kuka_data):
-    found = identify(with_wrench(static_recording(kuka_data), lambda v: v / 9.80665),
+    found = identify(with_values(static_recording(kuka_data), lambda v: v / 9.80665),
                      IdentificationSettings(gravity=GRAVITY))
     assert any('0.932 kg, the forces are in kgf' in line for line in found.quality['questions'])

@@ -3,6 +3,7 @@
 from dataclasses import replace
 import re
 
+from changed import with_values
 from forcecal_ros.checks.gravity import refuse_disagreeing
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import rotation_from_vector
@@ -40,11 +41,6 @@ def recorded(mass=float(C.mass), bias=0.0, contact=0.0, seed=0, accelerometer=No
                      accelerometer=specific, accelerometer_unit=C.accelerometer.unit)
 
 
-def mapped(recording, change):
-    wrench = recording.wrench
-    return replace(recording, wrench=replace(wrench, values=change(np.array(wrench.values))))
-
-
 @pytest.mark.parametrize('seed', first(range(3)))
 @pytest.mark.parametrize('contact', [0.0, np.array([30.0, -20.0, 60.0])])
 def test_the_tool_that_was_calibrated_passes_with_or_without_pushes(contact, seed):
@@ -55,7 +51,8 @@ def test_the_tool_that_was_calibrated_passes_with_or_without_pushes(contact, see
 def test_a_push_all_along_or_a_sensor_that_hardly_turns_says_nothing():
     always = recorded()
     wander = 20.0 * np.sin(T / 3.0)[:, None] * [1.0, 0.5, -1.0]
-    assert refuse_disagreeing(mapped(always, lambda w: w + np.hstack([wander, wander])), C) == ()
+    pushed = with_values(always, lambda w: w + np.hstack([wander, wander]))
+    assert refuse_disagreeing(pushed, C) == ()
     still = replace(always, pose=replace(always.pose, R_base_sensor=np.broadcast_to(
         np.eye(3), (len(T), 3, 3))))
     assert refuse_disagreeing(still, C) == ()
@@ -79,11 +76,11 @@ def leaning(seed):
 def test_crosstalk_of_a_calibrated_sensor_is_noted_with_its_size_and_is_no_rotation(make, said):
     matrix = np.eye(6)
     matrix[0, 2], matrix[1, 0], matrix[3, 1] = 0.1, -0.06, 0.005
-    notes = refuse_disagreeing(mapped(make(seed=1), lambda w: w @ matrix.T), C)
+    notes = refuse_disagreeing(with_values(make(seed=1), lambda w: w @ matrix.T), C)
     assert re.search(f'wrench: it has crosstalk of {said}', notes[0]), notes
     turn = np.kron(np.eye(2), rotation_from_vector(np.radians([10.0, -25.0, 15.0])))
     with pytest.raises(DataError, match=r'axes are rotated by|axes are mirrored'):
-        refuse_disagreeing(mapped(make(seed=1), lambda w: w @ turn.T), C)
+        refuse_disagreeing(with_values(make(seed=1), lambda w: w @ turn.T), C)
 
 
 @pytest.mark.parametrize('fault', [
@@ -94,7 +91,7 @@ def test_other_axes_are_no_crosstalk_where_gravity_turns_little_and_residuals_ar
     slow = gaussian_filter1d(np.random.default_rng(3).standard_normal((len(T), 6)), 100, axis=0)
     slow *= np.repeat([2.0, 0.2], 3) / slow.std(axis=0)
     with pytest.raises(DataError, match='axes'):
-        refuse_disagreeing(mapped(leaning(1), lambda w: (w + slow) @ fault.T), C)
+        refuse_disagreeing(with_values(leaning(1), lambda w: (w + slow) @ fault.T), C)
 
 
 def test_another_tool_and_a_sensor_tared_since_are_said_with_their_size():
@@ -108,11 +105,11 @@ def test_a_tare_and_a_payload_half_way_are_told_with_time_and_size():
     recording = recorded(contact=5.0)
     after = T[:, None] > 31.0
     tared = np.pad(after * [40.0, 0.0, -60.0], ((0, 0), (0, 3)))
-    note, = refuse_disagreeing(mapped(recording, lambda w: w + tared), C)
+    note, = refuse_disagreeing(with_values(recording, lambda w: w + tared), C)
     assert '(a tare, ' in note and ' +40 ' in note and ' -60 N in all' in note
     assert abs(float(note.split()[1]) - 31.0) <= 1.5
     weight = np.pad(after * -3.0 * G * recording.pose.R_base_sensor[:, 2], ((0, 0), (0, 3)))
-    note, = refuse_disagreeing(mapped(recording, lambda w: w + weight), C)
+    note, = refuse_disagreeing(with_values(recording, lambda w: w + weight), C)
     assert ' kg more' in note and abs(float(note.split(' carries ')[1].split()[0]) - 3.0) < 0.1
 
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 import re
 
 from calibration_runs import run
+from changed import later, with_values
 from forcecal_ros.checks.entry import checked
 from forcecal_ros.checks.hypotheses import judge
 from forcecal_ros.checks.signals import (
@@ -52,11 +53,6 @@ def stuck(values, name='wrench', t=T, pose=None):
     refuse_stuck(Stream(t, values), name, CHANNELS[name], pose)
 
 
-def with_values(recording, name, change):
-    stream = getattr(recording, name)
-    return replace(recording, **{name: replace(stream, values=change(np.array(stream.values)))})
-
-
 # Values that are none ------------------------------------------------------------------------
 
 
@@ -68,7 +64,7 @@ def test_a_channel_that_says_nonsense_is_named_with_its_share_and_its_first_time
 
     with pytest.raises(DataError, match=r'wrench: 3\.\d % of the samples are not finite or beyond '
                        r'1e\+06 \(torque\.y from 5\.00 s on\); check the driver'):
-        checked(with_values(rig, 'wrench', broken))
+        checked(with_values(rig, broken))
 
 
 def test_single_values_are_left_out_and_noted(rig):
@@ -76,14 +72,14 @@ def test_single_values_are_left_out_and_noted(rig):
         values[[7, 900, 901]] = 1e7
         return values
 
-    kept = checked(with_values(rig, 'accelerometer', broken))
+    kept = checked(with_values(rig, broken, 'accelerometer'))
     assert kept.removed == {'accelerometer': 3}
     assert len(kept.accelerometer) == len(rig.accelerometer) - 3
     assert kept.notes == ('accelerometer: 3 samples are not finite or beyond 1e+06 and left out',)
 
 
 def test_counts_of_a_converter_are_readings_before_the_matrix_and_none_after(rig):
-    counts = with_values(rig, 'wrench', lambda values: 1e5 * values)
+    counts = with_values(rig, lambda values: 1e5 * values)
     assert checked(counts, raw_wrench=True).removed == {}
     with pytest.raises(DataError, match='wrench: .* beyond 1e'):
         checked(counts)
@@ -94,7 +90,7 @@ def test_both_checks_of_raw_channels_count_what_they_remove(rig):
         values[7], values[8] = np.nan, 1e8
         return values
 
-    once = checked(with_values(rig, 'wrench', broken), raw_wrench=True)
+    once = checked(with_values(rig, broken), raw_wrench=True)
     assert once.removed == {'wrench': 1}
     twice = checked(once)
     assert twice.removed == {'wrench': 2}
@@ -240,11 +236,10 @@ def test_sound_recordings_pass_without_a_word(rig):
 @pytest.mark.parametrize('name, way', [
     ('wrench', 1e4), ('accelerometer', -1e4), ('pose', 1e4), ('target', -1e4)])
 def test_the_stream_on_another_clock_is_named(rig, name, way):
-    stream = getattr(rig, name)
     named = re.escape(f'{way:+.1f} s; synchronise')
     with pytest.raises(DataError, match=f'{name}.* {named} .*PTP'):
-        refuse_clocks_apart(replace(rig, **{name: replace(stream, t=stream.t + way)}))
-    refuse_clocks_apart(replace(rig, **{name: replace(stream, t=stream.t + np.sign(way) * 15)}))
+        refuse_clocks_apart(later(rig, way, name))
+    refuse_clocks_apart(later(rig, np.sign(way) * 15, name))
 
 
 def test_pauses_are_told_but_no_rest_between_single_samples(rig):

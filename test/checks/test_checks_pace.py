@@ -58,20 +58,18 @@ def test_real_poses_are_left_alone(kuka_data):
     refuse_other_pace(static_recording(kuka_data))
 
 
-@pytest.mark.parametrize('name, factor', [('poses', 1e3), ('work', 1e6), ('at 10 Hz', 1e3)])
-def test_milliseconds_and_less_that_are_taken_for_seconds_are_refused(name, factor):
-    with pytest.raises(DataError, match='time is in ms or us but read as s.* set its unit'):
-        checked(paced(LOGS[name], factor))
+TAKEN_FOR_S, TAKEN_FOR_LESS = (
+    'time is in ms or us but read as s.* set its unit',
+    r'time is in (another unit \()?s .*read as ms')
 
 
-def test_numbers_of_rows_that_are_taken_for_seconds_are_refused():
-    with pytest.raises(DataError, match='or counts rows; .*evenly spaced, set rate'):
-        checked(paced(LOGS['poses'], 200.0))
-
-
-@pytest.mark.parametrize('name, factor', [('poses', 1e-6), ('work', 1e-3), ('at 10 Hz', 1e-3)])
-def test_seconds_that_are_taken_for_less_are_refused(name, factor):
-    with pytest.raises(DataError, match='time is in (another unit \\()?s .*read as ms'):
+@pytest.mark.parametrize('name, factor, said', [
+    ('poses', 1e3, TAKEN_FOR_S), ('work', 1e6, TAKEN_FOR_S), ('at 10 Hz', 1e3, TAKEN_FOR_S),
+    ('poses', 200.0, 'or counts rows; .*evenly spaced, set rate'),
+    ('poses', 1e-6, TAKEN_FOR_LESS), ('work', 1e-3, TAKEN_FOR_LESS),
+    ('at 10 Hz', 1e-3, TAKEN_FOR_LESS)])
+def test_a_time_in_another_unit_or_of_row_numbers_is_refused(name, factor, said):
+    with pytest.raises(DataError, match=said):
         checked(paced(LOGS[name], factor))
 
 

@@ -1,9 +1,9 @@
 """Rows of the table that ``test_hypotheses`` lacks, in a run of the demo: a tool that slides."""
 
-from dataclasses import replace
 import re
 
 from calibration_runs import run
+from changed import later, with_values
 from forcecal_ros.checks.entry import checked
 from forcecal_ros.checks.hypotheses import judge, refuse_late_accelerometer
 from forcecal_ros.checks.messages import Finding
@@ -22,26 +22,16 @@ def recording():
     return checked(run(seed=3))
 
 
-def mapped(change):
-    """Return what changes the wrench by ``change(values, R)``, R at its stamps."""
-    def spoil(one):
-        rows = np.searchsorted(one.pose.t, one.wrench.t).clip(max=len(one.pose) - 1)
-        values = change(np.array(one.wrench.values), one.pose.R_base_sensor[rows])
-        return replace(one, wrench=replace(one.wrench, values=values))
-    return spoil
-
-
 def test_a_delay_and_crosstalk_are_noted_as_what_they_are_and_not_as_a_filter(recording):
-    wrench = recording.wrench
-    late, = judge(replace(recording, wrench=replace(wrench, t=wrench.t + 0.006)), DOWN)
+    late, = judge(later(recording, 0.006), DOWN)
     assert re.search(r'wrench rotates (5\.9|6|6\.0)\d* \S+ \S+ ms later than the pose', late)
-    crossed, = judge(mapped(lambda w, R: w + 0.03 * w[:, 2:3] * np.eye(6)[0])(recording), DOWN)
+    crossed, = judge(with_values(recording, lambda w: w + 0.03 * w[:, 2:3] * np.eye(6)[0]), DOWN)
     assert crossed == 'the wrench has crosstalk of +3 % from force.z to force.x'
 
 
 def test_torques_about_another_point_call_the_centre_of_mass_into_question(recording):
-    note, = judge(mapped(lambda w, R: np.hstack([
-        w[:, :3], w[:, 3:] - np.cross([0.0, 0.0, 0.3], w[:, :3])]))(recording), DOWN)
+    note, = judge(with_values(recording, lambda w: np.hstack([
+        w[:, :3], w[:, 3:] - np.cross([0.0, 0.0, 0.3], w[:, :3])])), DOWN)
     assert isinstance(note, Finding)
     assert 'reference point of the torques' in note and note.suspect == ('com', 'inertia')
     np.testing.assert_allclose(note.point, [0.0, 0.0, 0.3], atol=2e-3)
@@ -49,24 +39,19 @@ def test_torques_about_another_point_call_the_centre_of_mass_into_question(recor
 
 @pytest.mark.parametrize('late', [0.12, -0.5])
 def test_an_accelerometer_of_another_clock_is_refused_with_its_offset(recording, late):
-    stream = recording.accelerometer
-    spoilt = replace(recording, accelerometer=replace(stream, t=stream.t + late))
     with pytest.raises(DataError, match='^accelerometer: by its stamps, gravity rotates') as error:
-        refuse_late_accelerometer(spoilt, DOWN)
+        refuse_late_accelerometer(later(recording, late, 'accelerometer'), DOWN)
     found, way = str(error.value).split('rotates ')[1].split()[::2][:2]
     assert abs(float(found) - abs(late)) <= 0.02
     assert way == ('later' if late > 0 else 'earlier')
 
 
 def test_a_delay_of_an_accelerometer_is_left_to_the_fit(recording):
-    stream = recording.accelerometer
-    refuse_late_accelerometer(replace(recording, accelerometer=replace(
-        stream, t=stream.t + 0.05)), DOWN)
+    refuse_late_accelerometer(later(recording, 0.05, 'accelerometer'), DOWN)
 
 
 def test_a_diagnosis_names_the_unit_before_it_looks_for_effects():
-    one = own_recording(20)
-    scaled = replace(one, wrench=replace(one.wrench, values=one.wrench.values / 9.80665))
+    scaled = with_values(own_recording(20), lambda values: values / 9.80665)
     diagnosis = RigSource(load_rig()).diagnose(scaled).diagnosis
     assert diagnosis.verdict == 'invalid_data'
     assert 'its forces are in kgf; multiply by 9.8066' in diagnosis.reason

@@ -4,6 +4,7 @@ from dataclasses import replace
 from functools import cache
 import re
 
+from changed import with_values
 from forcecal_ros.calibrate.pipeline import identify
 from forcecal_ros.checks.entry import checked
 from forcecal_ros.checks.gravity import refuse_disagreeing
@@ -177,7 +178,5 @@ def test_a_refusal_says_that_messages_named_two_frames():
 
 
 def test_counts_beyond_all_readings_are_named_as_such():
-    one = poses('nothing')
-    counts = replace(one, wrench=replace(one.wrench, values=1e8 * one.wrench.values + 1e9))
     with pytest.raises(DataError, match='counts of a converter'):
-        checked(counts)
+        checked(with_values(poses('nothing'), lambda values: 1e8 * values + 1e9))

@@ -26,18 +26,6 @@ def test_blocks_over_missing_samples_are_missing_and_others_are_not():
     np.testing.assert_array_equal(np.isnan(found), [False, True, True, False, True, True])
 
 
-def test_a_late_signal_is_met_by_late_blocks():
-    t = np.arange(0, 2, 0.001)
-
-    def signal(t):
-        return np.sin(20 * t)[:, None]
-
-    starts = np.arange(0.1, 1.8, 0.02)
-    on_time = Averager(t, signal(t)).means(starts, 0.02)
-    late = Averager(t, signal(t - 0.00437)).means(starts + 0.00437, 0.02)
-    np.testing.assert_allclose(late, on_time, atol=1e-7)
-
-
 def test_blocks_hold_five_samples_of_the_slowest_sensor():
     assert block_length(0.02, 0.001, 0.004) == pytest.approx(0.02)
     assert block_length(0.02, 0.001, 0.01) == pytest.approx(0.05)

@@ -3,7 +3,6 @@
 from dataclasses import replace
 import json
 
-from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.diagnose.dataset import CHANNELS as DIAGNOSED
 from forcecal_ros.diagnose.result import to_document
 from forcecal_ros.diagnose.sources.rig import RigSource
@@ -11,7 +10,7 @@ from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.replay import Replay
 import numpy as np
 import pytest
-from rig_recordings import FREE, motion, own_recording, PERIOD
+from rig_recordings import commands, FREE, own_recording
 
 EFFECT = {'wrench_crosstalk': {'fx_of_fz': 0.05}}
 
@@ -50,8 +49,7 @@ def test_what_no_library_has_is_not_given_a_name_of_the_library():
 
 @pytest.mark.parametrize('rate', [250.0, 750.0])
 def test_a_replay_is_the_same_at_any_rate_of_the_sensors(rate):
-    positions, rotations, _ = motion(FREE)
-    target = PoseStream(PERIOD * np.arange(500), positions[:500], rotations[:500])
+    target = commands(FREE)[0].rows(slice(500))
     usual = load_rig()
     other = replace(usual, wrench_sensor=replace(usual.wrench_sensor, rate=rate),
                     accelerometer=replace(usual.accelerometer, rate=rate),

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from changed import with_values
 from forcecal_ros.checks.signals import quantisation
 from forcecal_ros.core.streams import CHANNELS, Recording, Stream
 from forcecal_ros.diagnose.dataset import CHANNELS as DIAGNOSED
@@ -66,8 +67,7 @@ def test_what_no_effect_explains_is_unknown_and_stays_out_of_the_rig(sample):
     pose, wrench = sample.pose, sample.wrench
     place = np.interp(wrench.t, pose.t, pose.position[:, 0])
     cogging = 1.5 * np.sin(2.0 * np.pi * (place - place[0]) / 0.0025)
-    wrong = replace(sample, wrench=replace(
-        wrench, values=wrench.values + np.outer(cogging, [0.0, 1.0, 0.0, 0.0, 0.0, 0.0])))
+    wrong = with_values(sample, lambda values: values + np.outer(cogging, np.eye(6)[1]))
     found = RigSource(rig).diagnose(wrong).outcome
     assert found.diagnosis.verdict == 'unknown'
     assert [e.name for e in found.diagnosis.effects] == ['unknown']
@@ -89,9 +89,9 @@ def test_what_only_held_out_blocks_show_is_no_gap():
 def _stepped(recording, channel, height):
     """Let one channel of the wrench jump half-way; return the recording and when it jumps."""
     t = recording.wrench.t
-    instant, values = float(t.mean()), recording.wrench.values.copy()
-    values[t >= instant, channel] += height
-    return replace(recording, wrench=replace(recording.wrench, values=values)), instant
+    instant = float(t.mean())
+    step = np.outer(t >= instant, height * np.eye(6)[channel])
+    return with_values(recording, lambda values: values + step), instant
 
 
 @pytest.mark.parametrize(('seed', 'channel', 'name', 'height'), [

@@ -5,6 +5,7 @@ from functools import cache
 import json
 import re
 
+from changed import with_values
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.streams import JointStream
@@ -31,6 +32,7 @@ from moving_arm import MASS, moving
 import numpy as np
 from own_arm import commands, GRIPPER, LATE, real, RIG, simulated, TOLERANCES, with_imu
 import pytest
+from rig_recordings import switched
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 from wrong_recordings import at_wrench, recording_of
@@ -95,9 +97,8 @@ def test_a_payload_picked_up_on_the_way_is_no_gain_and_no_cable(change, part):
     light, heavy = real({}), real({'tool_mass': {'change': change}})
     t = light.wrench.t
     at = t[0] + part * (t[-1] - t[0])
-    values = np.where(t[:, np.newaxis] < at, light.wrench.values, heavy.wrench.values)
-    recording = replace(light, wrench=replace(light.wrench, values=values))
-    effect, = PairSource(TOLERANCES, simulated()).diagnose(recording).diagnosis.effects
+    effect, = PairSource(TOLERANCES, simulated()).diagnose(
+        switched(light, heavy, at)).diagnosis.effects
     found = effect.parameters['change']
     assert effect.name == 'tool_mass'
     assert found.value == pytest.approx(change, abs=4.0 * found.std) and found.std < 1e-3
@@ -135,7 +136,8 @@ def test_what_carries_a_simulated_tool_for_a_while_is_not_taken_for_its_mass():
 
 
 @pytest.mark.parametrize('effects, noisy, named', [
-    ({}, True, []), ({'robot_delay': {'delay': 0.006}}, True, []),
+    pytest.param({}, True, [], marks=pytest.mark.long),
+    pytest.param({'robot_delay': {'delay': 0.006}}, True, [], marks=pytest.mark.long),
     ({'wrench_delay': {'delay': 0.004}}, False, ['wrench_delay'])])
 def test_what_a_simulator_does_in_quick_motion_is_compared(effects, noisy, named):
     robot = simulate(with_effects(RIG, effects), shaken(), seed=3)
@@ -148,6 +150,7 @@ def test_what_a_simulator_does_in_quick_motion_is_compared(effects, noisy, named
         assert found.value == pytest.approx(0.004, abs=3.0 * found.std) and found.std < 1e-4
 
 
+@pytest.mark.long
 def test_a_strong_cable_is_named_wherever_it_is_tied():
     pull = {'x': -2.0, 'y': 10.0, 'z': 14.0, 'stiffness': 20.0, 'point_x': -0.1, 'point_z': 0.0}
     effect, = PairSource(TOLERANCES, simulated()).diagnose(
@@ -211,11 +214,13 @@ def weightless(w, R):
     return w - np.hstack([force, np.cross(GRIPPER.com, force)])
 
 
+def orientations_at(t, pose):
+    return pose.R_base_sensor[np.searchsorted(pose.t, t).clip(max=len(pose) - 1)]
+
+
 def with_wrench(recording, change):
-    wrench, pose = recording.wrench, recording.pose
-    nearest = np.searchsorted(pose.t, wrench.t).clip(max=len(pose) - 1)
-    return replace(recording, wrench=replace(
-        wrench, values=change(wrench.values, pose.R_base_sensor[nearest])))
+    R = orientations_at(recording.wrench.t, recording.pose)
+    return with_values(recording, lambda values: change(values, R))
 
 
 @pytest.mark.parametrize('of_robot, change, said', [
@@ -235,25 +240,12 @@ def test_frame_sign_and_units_of_both_wrenches_are_checked_first(of_robot, chang
     assert re.search(said, wrong.diagnosis.reason)
 
 
-@pytest.mark.parametrize('effects', [
-    {'tool_mass': {'change': 0.4}},
-    {'base_tilt': {'x': 0.05, 'y': -0.03}},
-    {'cable_force': {'x': 2.0, 'y': 1.0, 'z': 0.0, 'stiffness': 40.0}},
-    {'wrench_gain': {'fx': 0.15, 'fz': -0.15}},
-    {'wrench_crosstalk': {'fx_of_fz': 0.06}}])
-@pytest.mark.long
-def test_effects_of_any_usual_size_are_no_other_frame(effects):
-    prepare_pair(real(effects), shift_times(simulated(), -1000.0), None, TOLERANCES)
-
-
 @pytest.mark.long
 def test_where_the_simulated_tool_touches_something_nothing_is_compared(clean):
     def pressed(recording, stiffness):
-        wrench, t0 = recording.wrench, recording.wrench.t[0]
-        t = wrench.t - t0
+        t = recording.wrench.t - recording.wrench.t[0]
         push = stiffness * np.clip(1e-3 - 1e-3 * np.abs(t - 8.0) / 0.5, 0.0, None)
-        return replace(recording, wrench=replace(
-            wrench, values=wrench.values + np.outer(push, [0, 0, 1, 0, 0, 0])))
+        return with_values(recording, lambda w: w + np.outer(push, [0, 0, 1, 0, 0, 0]))
 
     case, _ = prepare_pair(pressed(real({}), 7e3), pressed(
         shift_times(simulated(), -1000.0), 1e4), None, TOLERANCES)
@@ -266,12 +258,9 @@ def test_where_the_simulated_tool_touches_something_nothing_is_compared(clean):
 
 def test_an_imu_that_cannot_be_compared_is_left_out_with_the_reason():
     given, made = with_imu(real({})), shift_times(simulated(imu=True), -1000.0)
-    imu, pose = given.accelerometer, made.pose
-    turned = replace(given, accelerometer=replace(imu, values=imu.values[:, [1, 2, 0]]))
-    up = made.accelerometer
-    nearest = np.searchsorted(pose.t, up.t).clip(max=len(pose) - 1)
-    fallen = replace(made, accelerometer=replace(
-        up, values=up.values + np.array(RIG.gravity) @ pose.R_base_sensor[nearest]))
+    turned = with_values(given, lambda felt: felt[:, [1, 2, 0]], 'accelerometer')
+    gravity = np.array(RIG.gravity) @ orientations_at(made.accelerometer.t, made.pose)
+    fallen = with_values(made, lambda felt: felt + gravity, 'accelerometer')
     for one, other, why in (
             (turned, made, "the robot's measures gravity [0-9]+ deg away from that of .+"),
             (given, fallen, "the simulator's measures 0[.0-9]* m/s.2, not gravity; publish .+"),
@@ -294,10 +283,9 @@ def test_a_wrench_of_the_other_sign_or_without_weight_is_refused_by_name():
     recording = shift_times(simulated(), -1000.0)
     for factor, sign, why in ((-1.0, None, '--simulated-wrench-sign -1$'), (-1.0, -1, 'sign 1$'),
                               (1e-3, None, 'has no weight')):
-        wrench = replace(recording.wrench, values=factor * recording.wrench.values)
+        wrong = with_values(replace(recording, wrench_sign=sign), lambda w: factor * w)
         with pytest.raises(DataError, match=why):
-            simulated_tool(replace(recording, wrench=wrench, wrench_sign=sign), 0.2, 2500,
-                           TOLERANCES)
+            simulated_tool(wrong, 0.2, 2500, TOLERANCES)
 
 
 def turned(pose, base=(0.0, 0.0, 0.0), sensor=(0.0, 0.0, 0.0)):

@@ -7,6 +7,7 @@ from pathlib import Path
 import re
 from runpy import run_path
 
+from changed import with_values
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.errors import ConfigError, DataError
 from forcecal_ros.core.geometry import rotation_from_vector
@@ -34,6 +35,7 @@ from longer import first
 import numpy as np
 from own_arm import commands, SECONDS, TOLERANCES
 import pytest
+from rig_recordings import switched
 
 PAGE = Path(__file__).resolve().parents[2] / 'docs/how-to/own-simulator.md'
 INPUTS = Inputs(0.0, SECONDS, commands())
@@ -63,7 +65,8 @@ def measured(simulator, payload, lag):
     noisy = wrench.values + rng.normal(size=wrench.values.shape) * np.repeat([0.15, 0.006], 3)
     turned = rotation_from_vector(2e-4 * rng.normal(size=(len(pose), 3)))
     return replace(
-        made, wrench=replace(wrench, values=noisy + [3.0, -1.0, 2.0, 0.1, 0.0, -0.2]),
+        made, target=commands(),
+        wrench=replace(wrench, values=noisy + [3.0, -1.0, 2.0, 0.1, 0.0, -0.2]),
         pose=replace(pose, position=pose.position + 1e-4 * rng.normal(size=pose.position.shape),
                      R_base_sensor=pose.R_base_sensor @ turned), start_ns=10**18)
 
@@ -97,21 +100,17 @@ def test_the_commands_of_the_page_say_what_to_change(example, monkeypatch, capsy
 @pytest.mark.long
 def test_a_payload_that_is_picked_up_on_the_way_is_found_with_its_instant(robot):
     light, heavy = measured(robot, 1.2, 0.07), measured(robot, 1.35, 0.07)
-    t, at = light.wrench.t, 8.0
-    values = np.where(t[:, np.newaxis] < at, light.wrench.values, heavy.wrench.values)
-    real = replace(light, target=commands(), wrench=Stream(t, values))
-    effect, = SimulatorSource(robot, TOLERANCES).diagnose(real).diagnosis.effects
+    effect, = SimulatorSource(robot, TOLERANCES).diagnose(
+        switched(light, heavy, 8.0)).diagnosis.effects
     found = effect.parameters['value']
-    assert effect.name == 'payload' and effect.begin == pytest.approx(at, abs=4e-3)
+    assert effect.name == 'payload' and effect.begin == pytest.approx(8.0, abs=4e-3)
     assert found.value == pytest.approx(1.35, abs=4 * found.std) and found.std < 0.005
 
 
 @pytest.mark.parametrize('factor, said', first([
     (-1.0, 'it has the opposite sign'), (1.0 / 9.80665, 'its forces are in kgf')]))
 def test_units_and_sign_of_the_robots_wrench_are_asked_before_effects(robot, factor, said):
-    real = measured(robot, 1.2, 0.07)
-    wrong = replace(real, target=commands(), wrench=replace(
-        real.wrench, values=factor * real.wrench.values))
+    wrong = with_values(measured(robot, 1.2, 0.07), lambda values: factor * values)
     found = SimulatorSource(robot, TOLERANCES).diagnose(wrong).diagnosis
     assert found.verdict == 'invalid_data'
     assert said in found.reason
@@ -196,8 +195,7 @@ class Giving:
 @pytest.mark.long
 def test_a_number_that_is_no_straight_line_is_fitted_where_it_was_found(example):
     giving = third_party('giving', Giving(example[0].make()))
-    found = SimulatorSource(giving, TOLERANCES).diagnose(
-        replace(measured(giving, 0.8, 0.072), target=commands()))
+    found = SimulatorSource(giving, TOLERANCES).diagnose(measured(giving, 0.8, 0.072))
     changed, = found.details['parameters']
     assert changed['name'] == 'give'
     assert changed['std'] < 0.002

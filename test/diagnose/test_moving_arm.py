@@ -35,7 +35,7 @@ def coupled(seconds, seed=201):
     return replace(one, wrench=wrench)
 
 
-@pytest.mark.parametrize('seed', first([201, *range(202, 209)], 2))
+@pytest.mark.parametrize('seed', first(range(201, 209)))
 def test_the_ends_of_a_recording_that_moves_there_show_nothing(tool, seed):
     diagnosis = found(tool, moving(seed, seconds=25.0)).diagnosis
     assert diagnosis.verdict == 'no_gap' and not diagnosis.effects
@@ -45,8 +45,8 @@ SINGLE = {'tool_mass': ('change', 0.05, lambda s: moving(201, 1.05 * MASS, secon
           'wrench_crosstalk': ('fx_of_fz', 0.04, coupled)}
 
 
-@pytest.mark.parametrize('name', SINGLE)
-@pytest.mark.parametrize('seconds', first([60.0, 285.0]))
+@pytest.mark.parametrize('name', first(SINGLE))
+@pytest.mark.parametrize('seconds', first([30.0, 285.0]))
 def test_an_effect_is_named_and_gains_stay_however_long_the_recording(tool, name, seconds):
     parameter, size, make = SINGLE[name]
     outcome = found(tool, make(seconds)).outcome

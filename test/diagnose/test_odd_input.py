@@ -18,7 +18,7 @@ from forcecal_ros.sim.rig.replay import Replay
 from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np
 import pytest
-from rig_recordings import FREE, MOTION, motion, own_recording, PERIOD
+from rig_recordings import commands, FREE, MOTION, own_recording, PERIOD
 
 SENSORS = ('wrench', 'accelerometer', 'optidrive', 'pose')
 
@@ -33,9 +33,8 @@ def _commanded(every, effects=None):
     """Return a rig of that period, and what it records of every so manyth command."""
     nominal = load_rig()
     rig = replace(nominal, robot=replace(nominal.robot, period=every * PERIOD))
-    positions, rotations, phases = motion(FREE)
-    target = PoseStream(PERIOD * np.arange(len(positions))[::every], positions[::every],
-                        rotations[::every])
+    target, phases = commands(FREE)
+    target = target.rows(slice(None, None, every))
     recording = simulate(with_effects(rig, effects) if effects else rig, target, seed=20)
     return rig, replace(recording, phases=phases)
 
@@ -83,8 +82,7 @@ def test_sensors_that_are_too_slow_are_named():
 
 
 def test_commands_of_which_most_are_missing_are_refused_and_seldom_ones_are_not():
-    positions, rotations, phases = motion(FREE)
-    every = PoseStream(PERIOD * np.arange(len(positions)), positions, rotations)
+    every, phases = commands(FREE)
     seldom, rig = every.rows(slice(None, None, 12)), load_rig()
     led, held = (_slower(replace(simulate(rig, told, seed=23), phases=phases, target=seldom), 20)
                  for told in (every, seldom))
@@ -115,8 +113,7 @@ def test_an_offset_that_the_rig_knows_is_no_bias_of_a_sensor_in_m_s2():
     model = replace(nominal.accelerometer.acc1, offset=(0.3, -0.2, 0.25))
     rig = replace(nominal, accelerometer=replace(nominal.accelerometer, acc1=model,
                                                  mounted='acc1'))
-    positions, rotations, _ = motion(FREE[:1])
-    target = PoseStream(PERIOD * np.arange(len(positions)), positions, rotations)
+    target, _ = commands(FREE[:1])
     converted = simulate(rig, target, seed=22, unit='m/s^2')
     force = converted.accelerometer
     shift = np.array(model.offset) / np.array(model.gain)

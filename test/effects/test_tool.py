@@ -34,11 +34,16 @@ def sag(rig, angle):
     return clean(rig, resting(tilted(angle))).optidrive.values[-1, 0]
 
 
-def rocking(rate, size, n):
-    """Turn S slowly about Y, so that the weight along the slide goes there and back."""
-    t = 0.004 * np.arange(n)
-    angle = size * np.sin(rate * t)
-    return PoseStream(t, np.tile(HOME, (n, 1)), np.array([tilted(a) for a in angle]))
+def tilting(angle):
+    """Turn S slowly about Y, so that its weight along the slide changes."""
+    return PoseStream(0.004 * np.arange(len(angle)), np.tile(HOME, (len(angle), 1)),
+                      np.array([tilted(a) for a in angle]))
+
+
+def along(position):
+    """Move S without turning it."""
+    n = len(position)
+    return PoseStream(0.004 * np.arange(n), position, np.tile(AIM, (n, 1, 1)))
 
 
 def plant_motion(rig, target):
@@ -65,11 +70,10 @@ def test_dead_zone_of_the_spring_is_as_wide_as_the_gap(gap):
 
 def test_within_its_play_the_tool_floats_freely():
     """A level tool that starts to move keeps back until the spring takes it along."""
-    n = 100
-    t = 0.004 * np.arange(n)
+    t = 0.004 * np.arange(100)
     position = HOME - np.outer(0.5 * 0.05 * t ** 2, [1.0, 0.0, 0.0])
     rig = with_effects(RIG, {'tool_backlash': {'gap': 0.004}, 'tool_damping': {'change': -0.99}})
-    recording = clean(rig, PoseStream(t, position, np.tile(AIM, (n, 1, 1))))
+    recording = clean(rig, along(position))
     s, force = recording.optidrive.values[:, 0], recording.wrench.values[:, 0] - BIAS[0]
     free = s < 0.0019
     assert free.sum() > 200 and s.max() > 0.0021
@@ -80,7 +84,7 @@ def test_within_its_play_the_tool_floats_freely():
 def test_friction_lags_by_its_force_on_either_way():
     coulomb = 4.0
     recording = clean(having('tool_friction', force=coulomb, velocity_scale=2e-4),
-                      rocking(2.0, 0.3, 1200))
+                      tilting(0.3 * np.sin(0.008 * np.arange(1200))))
     s, force = recording.optidrive.values[:, 0], recording.wrench.values[:, 0] - BIAS[0]
     v = np.gradient(s, 0.001)
     held, moving = force - STIFFNESS * s - DAMPING * v, np.abs(v) > 2e-3
@@ -90,9 +94,8 @@ def test_friction_lags_by_its_force_on_either_way():
 
 def test_friction_holds_what_is_less_than_its_force():
     coulomb, creep = 4.0, 1e-4
-    t = 0.004 * np.arange(400)
-    angle = 0.02 * np.minimum(t / 0.2, 1.0)  # 2.5 N of weight along the slide
-    target = PoseStream(t, np.tile(HOME, (len(t), 1)), np.array([tilted(a) for a in angle]))
+    # 2.5 N of weight along the slide
+    target = tilting(0.02 * np.minimum(0.02 * np.arange(400), 1.0))
     rig = having('tool_friction', force=coulomb, velocity_scale=creep)
     s, free = (clean(r, target).optidrive.values[:, 0] for r in (rig, RIG))
     late = WEIGHT * np.sin(0.02)
@@ -103,9 +106,8 @@ def test_friction_holds_what_is_less_than_its_force():
 
 def test_friction_with_presliding_bends_by_its_stiffness_and_does_not_creep():
     coulomb, presliding = 4.0, 5e-5
-    t = 0.004 * np.arange(1000)
-    angle = 0.02 * np.minimum(t, 1.0)  # 2.5 N of weight along the slide
-    target = PoseStream(t, np.tile(HOME, (len(t), 1)), np.array([tilted(a) for a in angle]))
+    # 2.5 N of weight along the slide
+    target = tilting(0.02 * np.minimum(0.004 * np.arange(1000), 1.0))
     s = clean(having('tool_friction', force=coulomb, presliding=presliding),
               target).optidrive.values[:, 0]
     assert s[-1] == pytest.approx(
@@ -189,7 +191,7 @@ def test_ringing_robot_has_a_mode_of_its_frequency_and_damping(frequency, dampin
     t = 0.004 * np.arange(600)
     s = np.clip((t - 0.1) / 0.05, 0.0, 1.0)
     step = 0.01 * s ** 3 * (10.0 - 15.0 * s + 6.0 * s ** 2)
-    target = PoseStream(t, HOME + np.outer(step, [0.0, 0.0, 1.0]), np.tile(AIM, (len(t), 1, 1)))
+    target = along(HOME + np.outer(step, [0.0, 0.0, 1.0]))
     rig = having('robot_resonance', gain=1.0, frequency=frequency, damping=damping)
     (ringing, dt), (plain, _) = plant_motion(rig, target), plant_motion(RIG, target)
     time, d = dt * np.arange(len(plain.position)), (ringing.position - plain.position)[:, 2]
@@ -211,8 +213,7 @@ def test_ringing_robot_moves_as_its_velocity_and_acceleration_say():
 
 def test_a_mode_damped_within_the_arm_does_not_lag_behind_a_steady_motion():
     t = 0.004 * np.arange(750)
-    way = np.outer(0.05 * np.maximum(t - 0.2, 0.0), [0.0, 0.0, 1.0])
-    target = PoseStream(t, HOME + way, np.tile(AIM, (len(t), 1, 1)))
+    target = along(HOME + np.outer(0.05 * np.maximum(t - 0.2, 0.0), [0.0, 0.0, 1.0]))
     behind = {}
     for grounded in (0.0, 1.0):
         rig = having('robot_resonance', gain=1.0, frequency=10.0, damping=0.2, grounded=grounded)

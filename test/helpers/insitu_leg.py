@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.float64]
 
@@ -106,21 +107,11 @@ def motion(t: Array, phase: float, speed: float) -> tuple[Array, Array, Array]:
 
     a, da, dda = swing(np.deg2rad(40), 1 / 30, phase)
     b, db, ddb = swing(np.deg2rad(30), 1 / 23, 1.7 * phase + 0.4)
-    ca, sa, cb, sb = np.cos(a), np.sin(a), np.cos(b), np.sin(b)
-    o = np.zeros_like(t)
-    pitch = np.array([[ca, o, sa], [o, o + 1, o], [-sa, o, ca]]).transpose(2, 0, 1)
-    roll = np.array([[o + 1, o, o], [o, cb, -sb], [o, sb, cb]]).transpose(2, 0, 1)
-    down = np.diag([1.0, -1.0, -1.0])
-    R = pitch @ roll @ down
+    cb, sb, down = np.cos(b), np.sin(b), np.diag([1.0, -1.0, -1.0])
+    R = Rotation.from_euler('YX', np.stack([a, b], axis=1)).as_matrix() @ down
     omega = np.stack([db, da * cb, -da * sb], axis=1) @ down
     alpha = np.stack([ddb, dda * cb - da * db * sb, -dda * sb - da * db * cb], axis=1) @ down
     return R, omega, alpha
-
-
-def about_y(angle: Array) -> Array:
-    """Rotations about y, one a sample."""
-    c, s, o = np.cos(angle), np.sin(angle), np.zeros_like(angle)
-    return np.array([[c, o, s], [o, o + 1, o], [-s, o, c]]).transpose(2, 0, 1)
 
 
 def play(x: Array, width: float) -> Array:
@@ -140,7 +131,8 @@ def record(load: Load, leg: Leg, seed: int) -> Log:
     t = np.arange(round(leg.duration * RATE)) / RATE
     R, omega, alpha = motion(t, rng.uniform(0, 2 * np.pi), leg.speed)
     gravity = R.transpose(0, 2, 1) @ np.array([0, 0, -G])
-    rotational = cross_square(omega) + cross(alpha) if leg.inertial else np.zeros((len(t), 3, 3))
+    turning = cross(omega) @ cross(omega) + cross(alpha)
+    rotational = turning if leg.inertial else np.zeros((len(t), 3, 3))
     specific_S = rotational @ HIP_TO_SENSOR - gravity
 
     load_com = np.array(load.position)
@@ -149,7 +141,7 @@ def record(load: Load, leg: Leg, seed: int) -> Log:
         moment = (SHANK_MASS * np.cross(SHANK_COM - KNEE, gravity)
                   + load.mass * np.cross(load_com - KNEE, gravity))[:, 1]
         angle = leg.flex * moment / np.abs(moment).max()
-    bend = about_y(angle)
+    bend = Rotation.from_euler('y', angle[:, None]).as_matrix()
     shift = (bend - np.eye(3)) @ (SHANK_COM - KNEE)
     com = BODY_COM + shift * SHANK_MASS / BODY_MASS
     place = KNEE + bend @ (load_com - KNEE)
@@ -181,14 +173,7 @@ def point_inertia(load: Load) -> Array:
 
 def cross(v: Array) -> Array:
     """Matrices of ``v x``."""
-    out = np.zeros((len(v), 3, 3))
-    out[:, 0, 1], out[:, 0, 2], out[:, 1, 2] = -v[:, 2], v[:, 1], -v[:, 0]
-    return out - out.transpose(0, 2, 1)
-
-
-def cross_square(v: Array) -> Array:
-    """Matrices of ``v x (v x .)``."""
-    return cross(v) @ cross(v)
+    return np.cross(np.eye(3), v[:, None])
 
 
 def true_matrix(leg: Leg) -> Array:

@@ -1,16 +1,12 @@
 """The recordings of a real arm (KUKA LBR Med) as the package takes them."""
 
-from dataclasses import replace
-
 from forcecal_ros.calibrate.pipeline import identify
 from forcecal_ros.calibrate.settings import IdentificationSettings
-from forcecal_ros.core.calibration import Estimate, Noise
 from forcecal_ros.core.streams import Phase, PoseStream, Recording, Stream
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 GRAVITY = 9.8209
-WRENCH_RATE, ACCELEROMETER_RATE = 698.0, 254.0
 
 
 def table(path):
@@ -46,19 +42,6 @@ def static_recording(folder):
 def static_calibration(folder):
     """Calibrate from these."""
     return identify(static_recording(folder), IdentificationSettings(gravity=GRAVITY))
-
-
-def with_noise_at_rest(folder, known):
-    """Return the calibration with the noise of the arm's sensors at rest."""
-    wrench = table(folder / '0-steady-state_wrench.csv')[:, -6:]
-    force = table(folder / '0-steady-state_accel.csv')[:, -3:] * GRAVITY
-    to_sensor = np.linalg.inv(known.accelerometer.matrix)
-    return replace(known, noise=Noise(
-        Q=Estimate(np.eye(2), 0.0, '(m, m/s)^2 s'),
-        R=Estimate(np.eye(3), 0.0, '(m, m/s, m/s^2)^2 s'),
-        wrench=Estimate(np.cov(wrench.T), 0.0, '(N, N m)^2'),
-        specific_force=Estimate(to_sensor @ np.cov(force.T) @ to_sensor.T, 0.0, '(m/s^2)^2'),
-        wrench_rate=WRENCH_RATE, accelerometer_rate=ACCELEROMETER_RATE))
 
 
 def slow(estimate):

@@ -6,12 +6,12 @@ wrench that does not follow from that.
 
 from dataclasses import replace
 
-from forcecal_ros.core.streams import PoseStream, Stream
+from forcecal_ros.core.streams import Stream
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.simulator import simulate
 import gravity_arm as arm
 import numpy as np
-from rig_recordings import motion, PERIOD
+from rig_recordings import commands, switched
 
 POINT = np.array([0.02, 0.0, 0.12])
 """Where the arm takes its payload, and where it is pushed, in S [m]."""
@@ -56,24 +56,6 @@ PUSHES = {
 }
 
 
-def on_the_arm(seed, load=0.0, push='none', size=0.0, start=5.0, seconds=20.0):
-    """Swing the arm of gravity_arm, load or push from ``start`` on; recording and calibration."""
-    calibration, drift = arm.calibrate(np.random.default_rng(seed), seconds=2.0)
-    rng = np.random.default_rng(10 * seed + 1)
-    moving = arm.free_motion(rng, seconds)
-    force = PUSHES[push](moving, rng, size) * after(moving.t, start)
-    contact = weight(moving, load, start) + at_point(force)
-    return arm.record(moving, rng, contact, accelerometer_bias=drift), calibration
-
-
-def at_rest(seed, load, start=2.0, seconds=8.0):
-    """Let the arm stand still and be loaded."""
-    calibration, drift = arm.calibrate(np.random.default_rng(seed), seconds=2.0)
-    moving = arm.resting(np.array([[0.3, 0.2, 1.0]]) / np.linalg.norm([0.3, 0.2, 1.0]), seconds)
-    return arm.record(moving, np.random.default_rng(seed), weight(moving, load, start),
-                      accelerometer_bias=drift), calibration
-
-
 TURNS = tuple(('move', 2.0, (0.0, y, 0.0), turn) for y, turn in (
     (0.05, (0.5, 0.3, 0.0)), (-0.05, (-0.4, 0.4, 0.3)), (0.05, (0.3, -0.5, -0.2)),
     (0.0, (-0.5, -0.2, 0.4)), (0.05, (0.4, 0.5, 0.1)), (-0.05, (-0.3, -0.4, 0.0)),
@@ -83,28 +65,14 @@ TURNS = tuple(('move', 2.0, (0.0, y, 0.0), turn) for y, turn in (
 
 def on_the_rig(load, start=4.0, seed=5, parts=TURNS):
     """Simulate the rig twice over one motion, and go over to the heavier tool at ``start`` [s]."""
-    positions, rotations, _ = motion(parts)
-    target = PoseStream(PERIOD * np.arange(len(positions)), positions, rotations)
+    target, _ = commands(parts)
     rig = load_rig()
     point = np.array([0.1, 0.02, 0.12])
     mass = rig.tool.mass + load
     com = (rig.tool.mass * np.array(rig.tool.com) + load * point) / mass
     heavier = replace(rig, tool=replace(rig.tool, mass=mass, com=tuple(com.tolist())))
     one, other = (simulate(each, target, seed=seed) for each in (rig, heavier))
-    streams = {}
-    for name in ('wrench', 'accelerometer', 'optidrive', 'pose'):
-        first, second = getattr(one, name).between(-1, start), getattr(other, name).between(
-            start, 1e9)
-        streams[name] = _joined(first, second)
-    return replace(one, **streams), mass, com
-
-
-def _joined(a, b):
-    t = np.concatenate([a.t, b.t])
-    if isinstance(a, PoseStream):
-        return PoseStream(t, np.concatenate([a.position, b.position]),
-                          np.concatenate([a.R_base_sensor, b.R_base_sensor]), a.frame)
-    return replace(a, t=t, values=np.concatenate([a.values, b.values]))
+    return switched(one, other, start), mass, com
 
 
 def laid_on(recording, calibration, mass, point, start):

@@ -65,6 +65,22 @@ def motion(parts=MOTION):
     return np.concatenate(positions), rotations, tuple(phases)
 
 
+def commands(parts=MOTION):
+    """Return the commands of the motion and its phases."""
+    positions, rotations, phases = motion(parts)
+    return PoseStream(PERIOD * np.arange(len(positions)), positions, rotations), phases
+
+
+def switched(before, after, at):
+    """Return a recording that goes over to another one of the same motion at an instant [s]."""
+    streams = {}
+    for name in ('wrench', 'accelerometer', 'optidrive'):
+        if (one := getattr(before, name)) is not None:
+            streams[name] = replace(one, values=np.where(
+                one.t[:, np.newaxis] < at, one.values, getattr(after, name).values))
+    return replace(before, **streams)
+
+
 def swaying(rig, angle, way, rate) -> PoseStream:
     """Return commands of 12 s that turn by an angle [rad], and sway by [m] at a rate [Hz]."""
     t = PERIOD * np.arange(3000)
@@ -79,8 +95,7 @@ def swaying(rig, angle, way, rate) -> PoseStream:
 
 def own_recording(seed: int = 8, parts=MOTION, effects=None) -> Recording:
     """Return what this package's simulator makes of the motion, with noise and some effects."""
-    positions, rotations, phases = motion(parts)
-    target = PoseStream(PERIOD * np.arange(len(positions)), positions, rotations)
+    target, phases = commands(parts)
     rig = with_effects(load_rig(), effects or {})
     return replace(simulate(rig, target, seed=seed), phases=phases)
 

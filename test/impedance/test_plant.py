@@ -7,23 +7,25 @@ from io import StringIO
 import json
 
 from forcecal_ros.cli.main import main
+from forcecal_ros.cli.sample import simulate_along_x
 from forcecal_ros.core.calibration import Estimate
 from forcecal_ros.core.errors import ConfigError, DataError
 from forcecal_ros.impedance.plant import load_plant, Plant, Robot, Slide
 from forcecal_ros.impedance.plant_fit import (
+    excitation_commands,
     fit_output_error,
     identify_plant,
     identify_robot,
     identify_slide,
 )
 from forcecal_ros.io.bags import write_recording
+from forcecal_ros.sim.rig.file import load_rig
 from gamez_continuous import state_space
 import numpy as np
-from plant_rig import record, response, RIG, shaken, true_response
 import pytest
-from scipy.linalg import expm
 from scipy.signal import lfilter
 
+RIG = load_rig()
 FEEDBACK, FEEDFORWARD = (1.0494, -0.0775, 0.0006), (1.2348, -1.5084, 0.3011)
 PERIOD = 0.004
 
@@ -44,6 +46,30 @@ def prbs(n, amplitude=1e-3):
 
 def answer_of_eq_28(command):
     return lfilter((0.0, *FEEDFORWARD), np.append(1.0, np.negative(FEEDBACK)), command)
+
+
+def record(along_x, **options):
+    return simulate_along_x(RIG, along_x, **options)
+
+
+def shaken(seconds, seed):
+    return record(excitation_commands(seconds, RIG.robot.period, seed=seed), seed=seed + 100)
+
+
+def response(robot, frequency):
+    """Return the complex response of a difference equation at frequencies [Hz]."""
+    q = np.exp(-2j * np.pi * frequency * robot.period)
+    return (np.polynomial.polynomial.polyval(q, robot.feedforward.value) * q**robot.delay
+            / np.polynomial.polynomial.polyval(q, [1.0, *(-robot.feedback.value)]))
+
+
+def true_response(frequency):
+    """From what one command of 1 mm does, without noise; poses come at the end of a period."""
+    pulse = np.zeros(1000)
+    pulse[1] = 1e-3
+    pose = record(pulse, noise=False).pose
+    moved = (pose.position - RIG.home.position) @ RIG.home.R_base_sensor[:, 0] / 1e-3
+    return np.exp(-2j * np.pi * np.outer(frequency, pose.t - RIG.robot.period)) @ moved
 
 
 @pytest.fixture(scope='module')
@@ -137,17 +163,6 @@ def test_continuous_form_is_eq_30_with_the_two_signs_lost_in_print():
     # the tool hears x_rb = C x and its derivative C (A x + B x_r)
     np.testing.assert_allclose(A[4, :3], 5000.0 / 13.0 * C[0, :3] + 10.0 * C[0, :3] @ A[:3, :3])
     np.testing.assert_allclose(A[4, 3:], [-5000.0 / 13.0, -10.0])
-
-
-def test_continuous_form_has_the_samples_of_the_difference_equation():
-    A, B, C = state_space(Plant(EQ_28, NOMINAL))
-    joint = np.zeros((6, 6))
-    joint[:5, :5], joint[:5, 5] = A * PERIOD, B * PERIOD
-    over, state, command, out = expm(joint), np.zeros(5), prbs(50), []
-    for r in command:
-        out.append(C[0] @ state)
-        state = over[:5, :5] @ state + over[:5, 5] * r
-    np.testing.assert_allclose(out, answer_of_eq_28(command), atol=1e-9)
 
 
 def test_a_robot_with_more_delay_has_no_continuous_form():

@@ -6,8 +6,6 @@ from forcecal_ros.insitu.blocks import Mounting, prepare, Prepared, to_blocks
 from forcecal_ros.insitu.equations import (
     body_map,
     Load,
-    MOVING,
-    moving_regressors,
     STATIC,
 )
 from forcecal_ros.insitu.moments import accumulate, smooth, window_samples
@@ -15,7 +13,7 @@ from forcecal_ros.insitu.offset import offset_of, principal_basis
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import insitu_leg
-from insitu_leg import ACCELEROMETER, GAUGES, Leg, OFFSET, record
+from insitu_leg import GAUGES, Leg, OFFSET, record
 from insitu_leg import Load as Added
 from insitu_runs import chunks_of
 import numpy as np
@@ -24,11 +22,6 @@ from scipy.signal import savgol_filter
 
 QUIET = Leg(noise=0.0)
 ADDED = insitu_leg.PROTOCOL[1]
-
-
-@pytest.fixture(scope='module')
-def log():
-    return record(ADDED, QUIET, 1)
 
 
 @pytest.fixture(scope='module')
@@ -58,10 +51,6 @@ def by_twelve_unknowns(log):
     rows = np.kron(np.column_stack([-log.accel, np.ones(len(log.raw))]), np.eye(3))
     y = ((log.raw - mean) @ basis).ravel()
     return mean + basis @ np.linalg.lstsq(rows, y, rcond=None)[0][9:]
-
-
-def test_twelve_unknowns_written_out_give_the_offset(log):
-    np.testing.assert_allclose(by_twelve_unknowns(log), OFFSET, rtol=1e-9)
 
 
 def test_moments_give_the_offset_that_the_twelve_unknowns_give(noisy):
@@ -119,14 +108,6 @@ def test_rows_are_the_equation_written_out():
     np.testing.assert_allclose(left.reshape(5, 6), raw @ C.T - gravity @ M.T)
 
 
-def test_the_known_side_is_the_wrench_of_the_added_mass():
-    gravity = np.random.default_rng(3).normal(size=(4, 3))
-    load = Load(0.5, (0.1, 0.2, -0.3))
-    wrench = eq.known_side(gravity, load).reshape(4, 6)
-    np.testing.assert_allclose(wrench[:, :3], 0.5 * gravity)
-    np.testing.assert_allclose(wrench[:, 3:], np.cross(load.position, 0.5 * gravity))
-
-
 def test_body_and_load_are_weighed_together():
     body = np.array([2.0, 0.2, -0.4, 0.6])
     weight = eq.total_map(body, Load(0.5, (0.4, 0.0, -0.2)), STATIC) @ [0.0, 0.0, -10.0]
@@ -164,14 +145,6 @@ def solved(channels, noise):
                          eq.six_channels(raws, noise))
 
 
-def test_without_noise_matrix_and_body_are_exact():
-    leg, fit = solved(GAUGES @ insitu_leg.MAP, np.eye(6))
-    np.testing.assert_allclose(fit.matrix, np.linalg.inv(leg.channels), rtol=1e-6, atol=1e-10)
-    assert fit.body[0] == pytest.approx(insitu_leg.BODY_MASS, rel=1e-8)
-    np.testing.assert_allclose(eq.common_parameters(fit.body), [
-        insitu_leg.BODY_MASS, *insitu_leg.BODY_COM], rtol=1e-6)
-
-
 def test_more_than_six_channels_are_combined_by_their_noise():
     rng = np.random.default_rng(4)
     channels = rng.normal(size=(9, 6))
@@ -179,29 +152,6 @@ def test_more_than_six_channels_are_combined_by_their_noise():
     _, fit = solved(channels, noise)
     np.testing.assert_allclose(fit.matrix @ channels, np.eye(6), atol=1e-7)
     assert np.abs(fit.matrix[:, 6:]).max() < 1e-2 * np.abs(fit.matrix[:, :6]).max()
-
-
-@pytest.mark.parametrize('load', [Added(0.0), ADDED])
-def test_the_map_in_motion_is_what_an_independent_simulator_feels(load):
-    leg = Leg(noise=0.0, inertial=True, speed=8.0)
-    log = record(load, leg, 5)
-    _, omega, alpha = insitu_leg.motion(
-        log.t, np.random.default_rng(5).uniform(0, 2 * np.pi), leg.speed)
-    np.testing.assert_allclose(omega, log.gyro)
-    body = Load(insitu_leg.BODY_MASS, insitu_leg.BODY_COM).parameters(MOVING)
-    J = insitu_leg.BODY_INERTIA
-    body[4:10] += [J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2]]
-    body += Load(load.mass, load.position).parameters(MOVING)
-    regressors = moving_regressors(-log.accel, omega, alpha, ACCELEROMETER)
-    np.testing.assert_allclose(regressors @ body_map(body, MOVING).T, log.wrench, atol=1e-10)
-
-
-def test_at_rest_the_map_in_motion_is_the_static_one():
-    gravity = np.random.default_rng(6).normal(size=(3, 3))
-    still = np.zeros((3, 3))
-    theta = Load(1.3, (0.1, 0.2, 0.3)).parameters(MOVING)
-    moving = moving_regressors(gravity, still, still, (0.4, 0.5, 0.6)) @ body_map(theta, MOVING).T
-    np.testing.assert_allclose(moving, gravity @ body_map(theta[:4], STATIC).T)
 
 
 def test_blocks_of_a_long_recording_stay_few_and_keep_their_noise(noisy, monkeypatch):

@@ -4,7 +4,7 @@ from copy import copy, deepcopy
 from itertools import pairwise
 import re
 
-from forcecal_ros.core.errors import DataError, MotionError
+from forcecal_ros.core.errors import DataError, ForcecalError, MotionError
 from forcecal_ros.core.geometry import (
     quaternion_from_matrix,
     rotation_from_vector,
@@ -304,6 +304,12 @@ class Bench:
         for _ in range(ticks):
             self.tick()
 
+    def begin(self):
+        self.monitor.begin(self.ms * 1e-3)
+
+    def freeze(self, name):
+        self.frozen[name] = self.monitor.channels[name].values
+
     def stale(self, lag=0.0):
         return self.monitor.stale(self.ms * 1e-3 + lag)
 
@@ -319,9 +325,8 @@ class Bench:
 @pytest.fixture(scope='module')
 def watched():
     bench = Bench()
-    for _ in range(300):
-        assert not bench.tick()
-    bench.monitor.begin(bench.ms * 1e-3)
+    assert bench.until_fault(300, moving=False)[0] == ''
+    bench.begin()
     return bench
 
 
@@ -370,9 +375,9 @@ def quiet():
     bench = Bench()
     for name in TOPICS:
         bench.tick()
-        bench.frozen[name] = bench.monitor.channels[name].values
+        bench.freeze(name)
     bench.wait(300)
-    bench.monitor.begin(bench.ms * 1e-3)
+    bench.begin()
     command(bench, 0.0)
     return bench
 
@@ -425,7 +430,7 @@ def test_a_stall_of_ones_own_does_not_blame_the_sensors(bench):
 @pytest.mark.parametrize('name', list(TOPICS))
 def test_a_sensor_that_never_repeats_itself_is_found_frozen_without_motion(bench, name, moving):
     bench.tick(moving)
-    bench.frozen[name] = bench.monitor.channels[name].values
+    bench.freeze(name)
     fault, after = bench.until_fault(30, moving)
     assert fault.startswith(TOPICS[name]) and 'the same reading' in fault
     assert after + STREAM.stop_duration <= 0.1
@@ -433,12 +438,12 @@ def test_a_sensor_that_never_repeats_itself_is_found_frozen_without_motion(bench
 
 @pytest.mark.parametrize('seconds, healed', [(0.06, 0.5), (1.2, 2.1), (1.2, 4.0)])
 def test_a_freeze_that_has_healed_does_not_excuse_the_next(bench, seconds, healed):
-    bench.frozen['wrench'] = bench.monitor.channels['wrench'].values
+    bench.freeze('wrench')
     bench.wait(round(seconds / PERIOD))
     bench.frozen.clear()
     bench.wait(round(healed / PERIOD))
-    bench.monitor.begin(bench.ms * 1e-3)
-    bench.frozen['wrench'] = bench.monitor.channels['wrench'].values
+    bench.begin()
+    bench.freeze('wrench')
     fault, after = bench.until_fault(30, moving=False)
     assert 'wrench: the same reading' in fault and after < 0.06
 
@@ -447,15 +452,15 @@ def test_a_freeze_that_has_healed_does_not_excuse_the_next(bench, seconds, heale
 @pytest.mark.parametrize('seconds', first([0.06, 5.0]))
 def test_a_sensor_that_is_frozen_keeps_a_sequence_from_starting_until_it_changes(
         bench, name, seconds):
-    bench.frozen[name] = bench.monitor.channels[name].values
+    bench.freeze(name)
     bench.wait(round(seconds / PERIOD))
     for _ in range(2):
         with pytest.raises(DataError, match=f'{TOPICS[name]}: the same reading for'):
-            bench.monitor.begin(bench.ms * 1e-3)
+            bench.begin()
         bench.tick()
     bench.frozen.clear()
     bench.tick()
-    bench.monitor.begin(bench.ms * 1e-3)
+    bench.begin()
 
 
 def test_readings_that_use_to_repeat_for_a_while_at_rest_are_not_frozen():
@@ -464,7 +469,7 @@ def test_readings_that_use_to_repeat_for_a_while_at_rest_are_not_frozen():
         if tick % 20 == 0:
             bench.frozen['pose'] = (*(HOME.position + 1e-6 * (tick % 3)), *bench.quaternion)
         if tick == 600:
-            bench.monitor.begin(bench.ms * 1e-3)
+            bench.begin()
         assert bench.tick() == ''
 
 
@@ -472,7 +477,7 @@ def test_a_sensor_that_always_repeats_itself_at_rest_may_do_so():
     bench = Bench()
     bench.frozen['pose'] = (*HOME.position, *bench.quaternion)
     bench.wait(500)
-    bench.monitor.begin(bench.ms * 1e-3)
+    bench.begin()
     assert bench.until_fault(100, moving=False)[0] == ''
 
 
@@ -541,26 +546,16 @@ def test_a_robot_that_does_not_follow_is_named(bench):
     assert '0.3 rad from the command' in fault
 
 
-def test_begin_names_the_topic_that_was_never_heard():
-    monitor = Monitor(WATCH, LIMITS, TOPICS)
-    with pytest.raises(DataError, match='wrench: nothing received yet'):
-        monitor.begin(0.0)
-
-
-def test_begin_refuses_a_robot_that_moves():
+@pytest.mark.parametrize('ticks, speed, said', [
+    (0, 0.0, 'wrench: nothing received yet'), (30, 0.0, r'0\.119 s received, 0\.5 s are required'),
+    (300, 0.002, 'current_pose: position.x drifts')])
+def test_begin_refuses_silence_a_short_time_and_a_robot_that_moves(ticks, speed, said):
     bench = Bench()
-    for _ in range(300):
-        bench.position[0] += 0.002 * 0.004
+    for _ in range(ticks):
+        bench.position[0] += speed * PERIOD
         bench.tick()
-    with pytest.raises(MotionError, match='current_pose: position.x drifts'):
-        bench.monitor.begin(bench.ms * 1e-3)
-
-
-def test_begin_refuses_what_was_heard_for_too_short():
-    bench = Bench()
-    bench.wait(30)
-    with pytest.raises(DataError, match=r'0\.119 s received, 0\.5 s are required'):
-        bench.monitor.begin(bench.ms * 1e-3)
+    with pytest.raises(ForcecalError, match=said):
+        bench.begin()
 
 
 def test_begin_forgets_the_fault_of_the_run_before(bench):
@@ -569,7 +564,7 @@ def test_begin_forgets_the_fault_of_the_run_before(bench):
     bench.frozen.clear()
     assert bench.tick()
     bench.wait(600)
-    bench.monitor.begin(bench.ms * 1e-3)
+    bench.begin()
     assert not bench.tick()
 
 

@@ -19,10 +19,10 @@ from forcecal_ros.observe.bandwidth import (
     Poles,
 )
 from forcecal_ros.observe.motion import tracking_gains
-from joint_filter import stationary_filter
 import numpy as np
 from observing import calibration, push, record
 import pytest
+from scipy.linalg import solve_discrete_are
 
 LEVELS = noise_levels(calibration().noise)
 MASS = 13.0
@@ -72,10 +72,10 @@ def test_gains_place_the_poles_whatever_the_period(dt, poles):
 @pytest.mark.parametrize('walk', [0.1, 2.5, 10.0])
 def test_bandwidth_is_that_of_the_riccati_equation_of_a_random_walk(walk):
     settings = ObserverSettings(contact_walk=walk, bandwidth_min_hz=1e-3, bandwidth_max_hz=1000.0)
-    dt, one = 1 / LEVELS.rate, np.eye(1)
+    dt = 1 / LEVELS.rate
     noise = (LEVELS.force + MASS ** 2 * LEVELS.specific_force) / dt
-    k = stationary_filter(one, one, walk ** 2 * dt * one, noise * one).gain[0, 0]
-    expected = -np.log(1 - k) / dt / (2 * np.pi)
+    variance, = solve_discrete_are(1.0, 1.0, walk ** 2 * dt, noise)[0]
+    expected = np.log1p(variance / noise) / dt / (2 * np.pi)
     assert contact_bandwidth(LEVELS, MASS, settings) == pytest.approx(expected, rel=1e-6)
 
 

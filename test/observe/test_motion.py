@@ -62,20 +62,6 @@ def test_a_steady_acceleration_is_followed_without_error(dt):
     assert state.omega == pytest.approx(axis * times[-1], abs=1e-6)
 
 
-@pytest.mark.long
-def test_noise_of_the_angular_acceleration_is_what_the_design_reckons_with():
-    """White noise leaves density corner^5 / 3."""
-    rng = np.random.default_rng(1)
-    dt, corner, sigma = 0.004, 60.0, 2e-5
-    state, seen = Rotation(0.0, (0.0, 0.0, 0.0, 1.0), (0.0,) * 3, (0.0,) * 3), []
-    for i in range(1, 8000):
-        q = tuple(SciRotation.from_rotvec(rng.normal(scale=sigma, size=3)).as_quat())
-        state = track_rotation(state, i * dt, q, butterworth(corner))
-        seen.append(state.alpha)
-    expected = np.sqrt(sigma ** 2 * dt * corner ** 5 / 3)
-    assert np.std(seen[200:]) == pytest.approx(expected, rel=0.15)
-
-
 def test_a_jump_of_the_pose_starts_the_filter_anew():
     state = follow(lambda t: np.array([0.0, 0.0, 0.2 * t]), np.arange(0.0, 1.0, 0.004), 80.0)
     far = tuple(SciRotation.from_rotvec([1.0, 0.0, 0.0]).as_quat())

@@ -75,14 +75,6 @@ def bandwidth(noise, **choices):
         noise_levels(calibration(noise=noise).noise), 13.0, ObserverSettings(**choices))
 
 
-def test_the_bandwidth_follows_the_noise():
-    """The corner of a random walk in white noise: the root of the two densities' ratio."""
-    for noise in (1.0, 10.0):
-        density = (0.25 ** 2 + (13.0 * 0.01 / 0.2937) ** 2) * noise ** 2 / 1000.0
-        assert bandwidth(noise) == pytest.approx(2.5 / density ** 0.5 / (2 * np.pi), rel=0.01)
-    assert bandwidth(1.0, contact_walk=5.0) == pytest.approx(2 * bandwidth(1.0), rel=0.01)
-
-
 def test_the_bandwidth_stays_within_the_limits():
     assert bandwidth(10.0, bandwidth_min_hz=20.0) == 20.0
     assert bandwidth(0.1, bandwidth_max_hz=30.0) == 30.0

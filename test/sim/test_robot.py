@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from forcecal_ros.core.geometry import rotation_from_vector, rotation_vector, skew
+from forcecal_ros.core.geometry import rotation_from_vector
 from forcecal_ros.effects import with_effects
 from forcecal_ros.effects.rig import Robot
 from forcecal_ros.sim.rig.file import load_rig
@@ -10,7 +10,7 @@ from forcecal_ros.sim.rig.plant import AT_ONCE, kernel_parameters, Plant
 from forcecal_ros.sim.rig.robot import Motion, move, robot_at_rest, TINY
 import numpy as np
 import pytest
-from scipy.signal import lfilter, lsim, TransferFunction
+from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 RIG = load_rig()
@@ -59,62 +59,6 @@ def test_raw_jump_comes_a_period_late_and_overshoots_by_23_percent():
     assert ends[:6] == pytest.approx(np.zeros(6), abs=1e-12)
     assert ends[7] == pytest.approx(1.2348, abs=2e-3)  # servo lag: 3 slope / w
     assert ends[-1] == pytest.approx(1.0, abs=1e-9)
-
-
-def test_position_is_eq_28_interpolated_and_lagged_by_three_equal_poles():
-    commands = smooth(400, seed=1, size=0.05)
-    b, a = [0.0, *RIG.robot.feedforward], [1.0, *(-c for c in RIG.robot.feedback)]
-    outputs = lfilter(b, a, commands, axis=0)
-    w, h = RIG.servo.position_bandwidth, PERIOD / 8
-    t = h * np.arange(8 * len(outputs) + 1)
-    ends = PERIOD * np.arange(len(outputs) + 1)  # period k goes from output k-1 to output k
-    servo = TransferFunction([w ** 3], [1.0, 3.0 * w, 3.0 * w ** 2, w ** 3])
-    motion = moved(commands)
-    for axis in range(3):
-        goal = np.interp(t, ends, np.append(0.0, outputs[:, axis]))
-        expected = lsim(servo, goal, t)[1]
-        assert motion.position[:, axis] == pytest.approx(expected, abs=1e-10)
-
-
-def test_velocity_and_acceleration_are_derivatives_of_position():
-    commands, steps = smooth(100, seed=2, size=0.05), 32
-    motion, h = moved(commands, steps=steps), PERIOD / 64
-    for rate, value in ((motion.velocity, motion.position),
-                        (motion.acceleration, motion.velocity)):
-        slope = (value[2:] - value[:-2]) / (2.0 * h)
-        curvature = np.abs(np.diff(rate, 2, axis=0)).max()  # h^2 times the third derivative
-        assert np.abs(rate[1:-1] - slope).max() < curvature < 0.01 * np.abs(rate).max()
-
-
-@pytest.mark.parametrize('seed', range(4))
-def test_turn_about_one_axis_is_a_critically_damped_second_order_lag(seed):
-    rng = np.random.default_rng(seed)
-    axis = rng.standard_normal(3)
-    axis /= np.linalg.norm(axis)
-    start = Rotation.random(random_state=seed).as_matrix()
-    angles = smooth(300, seed=seed, size=2.0)[:, 0]
-    motion = moved(np.zeros((300, 3)), start @ rotation_from_vector(np.outer(angles, axis)))
-    w, t = RIG.servo.orientation_bandwidth, PERIOD / 8 * np.arange(2401)
-    goal = np.interp(t, PERIOD * np.arange(301), np.append(0.0, angles))  # command k acts at 4k ms
-    expected = lsim(TransferFunction([w ** 2], [1.0, 2.0 * w, w ** 2]), goal, t)[1]
-    turned = rotation_vector(np.swapaxes(motion.R_base_sensor, 1, 2) @ (
-        start @ rotation_from_vector(np.outer(expected, axis))))
-    assert np.abs(turned).max() < 1e-7  # [rad]
-
-
-@pytest.mark.long
-def test_orientation_stays_a_rotation_and_omega_is_its_rate():
-    vectors = smooth(200, seed=7, size=1.5)
-    motion = moved(np.zeros((200, 3)), rotation_from_vector(vectors), steps=32)
-    R, h = motion.R_base_sensor, PERIOD / 64
-    assert np.swapaxes(R, 1, 2) @ R == pytest.approx(np.tile(np.eye(3), (len(R), 1, 1)), abs=1e-12)
-    assert np.linalg.det(R) == pytest.approx(1.0)
-    rate = (R[2:] - R[:-2]) / (2.0 * h)
-    spin = np.swapaxes(R[1:-1], 1, 2) @ rate
-    assert spin == pytest.approx(skew(motion.omega[1:-1]), abs=1e-3)  # [rad/s]
-    slope = (motion.omega[2:] - motion.omega[:-2]) / (2.0 * h)
-    assert slope == pytest.approx(motion.alpha[1:-1], abs=0.05 * np.abs(motion.alpha).max())
-    assert np.mean(np.square(slope - motion.alpha[1:-1])) < 1e-4 * np.mean(motion.alpha ** 2)
 
 
 def test_turn_by_more_than_half_a_turn_takes_the_short_way():

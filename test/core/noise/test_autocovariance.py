@@ -29,13 +29,6 @@ def test_the_variance_of_a_mean_is_found_for_coloured_noise(rho):
     assert np.mean(found) == pytest.approx(true, rel=0.12, abs=4 * np.std(found) / 10)
 
 
-def test_noise_common_to_two_channels_is_seen():
-    rng = np.random.default_rng(9)
-    L = np.array([[1.0, 0.0], [0.8, 0.6]])
-    found = noise_of_windows([rng.standard_normal((2000, 2)) @ L.T])
-    np.testing.assert_allclose(found.covariance, L @ L.T, atol=0.15)
-
-
 def test_too_short_a_standstill_is_refused():
     with pytest.raises(DataError, match='hold each pose'):
         noise_of_windows([np.zeros((4, 1))])

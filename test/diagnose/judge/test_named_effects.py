@@ -20,7 +20,6 @@ from forcecal_ros.diagnose.search.calibration import Features, stored
 from forcecal_ros.diagnose.search.model_comparison import Accepted
 from forcecal_ros.diagnose.search.posterior import Posterior, ties_of
 from forcecal_ros.diagnose.sources.simulator import Changed
-from forcecal_ros.diagnose.verdict import UnexplainedPart, verdict
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.effects.nuisances import Nuisance, of_sensors
 from forcecal_ros.sim.rig.file import load_rig
@@ -43,21 +42,6 @@ def test_numbers_at_their_limit_are_named_if_they_are_known(name, key, value, st
     assert at_limit(name, {key: Parameter(value, std, unit)}) == said
 
 
-def test_what_stands_at_its_limit_is_not_identified():
-    given = (['wrench_gain'], [('wrench_gain', 0.96)], UnexplainedPart(0.5, 'noise'), 0.96, True)
-    assert verdict(*given)[0] == 'identified'
-    word, sentence = verdict(*given, at_limit=['wrench_gain.fx = -0.9'])
-    assert word == 'unknown'
-    assert 'wrench_gain comes closest, but wrench_gain.fx = -0.9 reached its limit' in sentence
-
-
-def test_numbers_of_the_rig_at_their_tolerance_leave_an_effect_part_of_the_cause():
-    given = (['tool_com'], [('tool_com', 0.96)], UnexplainedPart(0.5, 'noise'), 0.99, True)
-    word, sentence = verdict(*given, at_tolerance=['tool.mass', 'wrench.bias.fy'])
-    assert word == 'partial'
-    assert 'at the limit of the tolerance: tool.mass, wrench.bias.fy (another robot' in sentence
-
-
 def test_a_number_is_at_its_tolerance_unless_it_is_released():
     rig = load_rig('rigid_tool.yaml')
     found = tuple(of_sensors('acc1', ('wrench',)))
@@ -71,16 +55,6 @@ def test_a_number_is_at_its_tolerance_unless_it_is_released():
     named = [readable(n.name) for n in at_tolerance(model)]
     assert {'wrench.bias.fx', 'wrench.gain.tz', 'kp[joint_1]'} <= {*named}
     assert not {'wrench.bias.fy', 'wrench.gain.fz'} & {*named}
-
-
-@pytest.mark.parametrize('closed, why', [
-    (0.3, 'explains 30 % of the residual'),
-    (-0.1, 'adding it increases the held-out residual')])
-def test_what_is_too_little_to_be_named_is_unknown_with_the_reason(closed, why):
-    word, sentence = verdict(['wrench_gain'], [('unknown', 0.8), ('wrench_gain', 0.2)],
-                             UnexplainedPart(3.0, 'a line'), closed, True)
-    assert word == 'unknown'
-    assert f'wrench_gain comes closest, but {why}; residual: a line' in sentence
 
 
 def test_a_number_at_its_bound_is_told_without_a_standard_error(tmp_path):

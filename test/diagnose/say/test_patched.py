@@ -6,7 +6,6 @@ import re
 
 from bag_samples import START_NS
 from forcecal_ros.cli.main import main
-from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.diagnose.dataset import split_by_phase
 from forcecal_ros.diagnose.sources.rig import prepare_commanded
 from forcecal_ros.effects import with_effects
@@ -15,7 +14,7 @@ from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np
 import pytest
-from rig_recordings import FREE, motion, PERIOD
+from rig_recordings import FREE, own_recording
 
 EFFECTS = {'wrench_delay': {'delay': 0.006}}
 
@@ -23,10 +22,7 @@ EFFECTS = {'wrench_delay': {'delay': 0.006}}
 @pytest.fixture(scope='module')
 def diagnosed(tmp_path_factory):
     folder = tmp_path_factory.mktemp('patched')
-    positions, rotations, phases = motion(FREE[:8])
-    target = PoseStream(PERIOD * np.arange(len(positions)), positions, rotations)
-    recording = simulate(with_effects(load_rig(), EFFECTS), target, seed=4)
-    write_recording(folder / 'bag', replace(recording, phases=phases,
+    write_recording(folder / 'bag', replace(own_recording(4, FREE[:8], EFFECTS),
                                             start_ns=START_NS))
     # a recording of the simulated rig states its model
     assert main(['diagnose', str(folder / 'bag'), '-o', str(folder / 'out')]) == 0

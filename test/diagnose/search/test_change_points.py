@@ -1,11 +1,9 @@
 """Effects that begin or end during a recording: named, with their instant, and no others."""
 
-from dataclasses import replace
 import json
 import re
 from types import SimpleNamespace
 
-from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.diagnose.dataset import CHANNELS
 from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter
 from forcecal_ros.diagnose.model.gates import Gate
@@ -14,31 +12,15 @@ from forcecal_ros.diagnose.result import Diagnosis, load_diagnosis, to_document
 from forcecal_ros.diagnose.search.change_points import _to_a_sample
 from forcecal_ros.diagnose.search.posterior import _further_step
 from forcecal_ros.diagnose.sources.rig import RigSource
-from forcecal_ros.effects import with_effects
 from forcecal_ros.report.effect_words import phrase
 from forcecal_ros.sim.rig.file import load_rig
-from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np
 import pytest
-from rig_recordings import FREE, motion, PERIOD
+from rig_recordings import FREE, own_recording, switched
 
 ENDED = NamedEffect('tool_mass', {'change': Parameter(0.1, 0.001, '1')}, 0.9,
                     end=4.5, end_ci95=(4.49, 4.52), recording=0)
 UNITS = {c.name: c.unit for c in CHANNELS}
-
-
-def _switched(effects, at, ends, seed):
-    """Simulate a motion whose tool has effects from an instant on, or until it."""
-    positions, rotations, phases = motion(FREE)
-    target = PoseStream(PERIOD * np.arange(len(positions)), positions, rotations)
-    rig = load_rig()
-    ways = [simulate(one, target, seed=seed) for one in (rig, with_effects(rig, effects))]
-    before, after = reversed(ways) if ends else ways
-    streams = {}
-    for name in ('wrench', 'accelerometer', 'optidrive'):
-        a, b = getattr(before, name), getattr(after, name)
-        streams[name] = replace(a, values=np.where(a.t[:, np.newaxis] < at, a.values, b.values))
-    return replace(before, phases=phases, **streams)
 
 
 @pytest.mark.long
@@ -48,7 +30,9 @@ def _switched(effects, at, ends, seed):
     ({'wrench_crosstalk': {'fx_of_fz': 0.05}}, False, 5.0)])
 def test_an_effect_of_half_a_recording_is_named_with_its_instant(effects, ends, at):
     (name, values), = effects.items()
-    diagnosis = RigSource(load_rig()).diagnose(_switched(effects, at, ends, 31)).diagnosis
+    before, after = (own_recording(31, FREE, effects if there == ends else None)
+                     for there in (True, False))
+    diagnosis = RigSource(load_rig()).diagnose(switched(before, after, at)).diagnosis
     assert diagnosis.verdict in ('identified', 'ambiguous')
     effect, = (e for e in to_document(diagnosis, UNITS, None)['effects'] if e['name'] == name)
     word, other = ('to', 'from') if ends else ('from', 'to')
@@ -67,12 +51,7 @@ def test_an_effect_of_half_a_recording_is_named_with_its_instant(effects, ends, 
     pytest.param({'wrench_bias_drift': {'fz': 0.05, 'ty': 0.002}}, 1, marks=pytest.mark.long),
     pytest.param({'wrench_crosstalk': {'fx_of_fz': 0.03}}, 0, marks=pytest.mark.long)])
 def test_an_effect_of_one_of_two_recordings_is_named_with_its_recording(effects, where):
-    rigs = [load_rig(), load_rig()]
-    rigs[where] = with_effects(rigs[where], effects)
-    positions, rotations, phases = motion(FREE[:7])
-    target = PoseStream(PERIOD * np.arange(len(positions)), positions, rotations)
-    pair = [replace(simulate(rig, target, seed=40 + i), phases=phases)
-            for i, rig in enumerate(rigs)]
+    pair = [own_recording(40 + i, FREE[:7], effects if i == where else None) for i in (0, 1)]
     diagnosis = RigSource(load_rig()).diagnose(*pair).diagnosis
     (name, values), = effects.items()
     effect, = to_document(diagnosis, UNITS, None)['effects']
