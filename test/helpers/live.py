@@ -82,8 +82,9 @@ class Live:
                      for part in ('-p', f'{key.replace("__", ".")}:={value}')]
         arguments += [part for rule in remap for part in ('-r', rule)]
         self.output[name] = tempfile.NamedTemporaryFile()  # noqa: SIM115 - outlives this call
-        self.processes[name] = NodeProcess(module, ['--ros-args', *arguments],
-                                           self.output[name].name, os.environ)
+        self.processes[name] = NodeProcess(
+            f'forcecal_ros.nodes.{module}', ['--ros-args', *arguments], self.output[name].name,
+            os.environ)
 
     def said(self, module):
         self.output[module].seek(0)

@@ -12,7 +12,7 @@ from forcecal_ros.core.geometry import quaternion_from_matrix
 from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.io.bags import read_recording
 from forcecal_ros.motion.profiles import Move, nominal_poses, Pose, step_goal
-from forcecal_ros.nodes import sim
+from forcecal_ros.nodes import observer, sim
 from forcecal_ros.nodes.inputs import optidrive_input
 from forcecal_ros.nodes.runtime import STREAM
 from forcecal_ros.nodes.sequencer import Sequencer
@@ -278,6 +278,13 @@ def test_a_parameter_file_reaches_a_node_in_any_namespace(ros_domain, tmp_path):
         node.destroy_node()
     finally:
         rclpy.try_shutdown()
+
+
+def test_a_node_that_cannot_hear_tf_says_so_in_one_line(ros_domain, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, 'tf2_msgs', None)
+    given = ['-p', 'pose.base:=base', '-p', 'pose.frame:=ft_sensor']
+    assert observer.main(['observer', '--ros-args', *given]) == 1
+    assert 'apt install ros-jazzy-tf2-msgs' in capsys.readouterr().err.splitlines()[-1]
 
 
 def test_arguments_that_are_no_parameters_are_wrong_usage(ros_domain, capsys):
