@@ -120,23 +120,22 @@ def test_the_command_after_a_fault_corrects_it(tmp_path, recording, capsys, chan
     capsys.readouterr()
 
 
-def test_a_fault_without_an_option_has_its_remedy_next(tmp_path, recording, capsys):
-    R, wrench = recording.pose.R_base_sensor, recording.wrench
-    in_base = np.einsum('nij,nkj->nki', R, wrench.values.reshape(-1, 2, 3)).reshape(-1, 6)
-    write_recording(tmp_path / 'bag', replace(recording, wrench=Stream(wrench.t, in_base)))
-    assert main(['check', str(tmp_path / 'bag'), '--json']) == 1
-    assert json.loads(capsys.readouterr().out)['next'] == [
-        'configure the driver to publish in the sensor frame, and record again']
+def in_base(r):
+    values = np.einsum('nij,nkj->nki', r.pose.R_base_sensor, r.wrench.values.reshape(-1, 2, 3))
+    return values.reshape(-1, 6)
 
 
-def test_check_names_a_fault_with_status_1(tmp_path, recording, capsys):
-    wrench = recording.wrench
+@pytest.mark.parametrize('values, fault, remedy', [
+    (in_base, '', 'configure the driver to publish in the sensor frame, and record again'),
+    (lambda r: 0 * r.wrench.values + 1.0, 'never change',
+     'check the sensor, its cable and its driver, and record again')])
+def test_a_fault_without_an_option_has_its_remedy_next(
+        tmp_path, recording, capsys, values, fault, remedy):
     write_recording(tmp_path / 'bag', replace(recording, wrench=Stream(
-        wrench.t, 0 * wrench.values + 1.0)))
+        recording.wrench.t, values(recording))))
     assert main(['check', str(tmp_path / 'bag'), '--json']) == 1
     document = json.loads(capsys.readouterr().out)
-    assert 'never change' in document['fault']
-    assert document['next'] == ['check the sensor, its cable and its driver, and record again']
+    assert fault in document['fault'] and document['next'] == [remedy]
 
 
 @pytest.mark.parametrize('scale', [None, 2.0], ids=['wrench', 'raw channels'])
