@@ -12,7 +12,6 @@ from forcecal_ros.nodes.runtime import declare, OUTPUT
 from forcecal_ros.nodes.wire import JointsReader
 from forcecal_ros.observe import replay
 from forcecal_ros.observe.pose_sources import JointPose
-from lifecycle_msgs.srv import GetState
 from live import Live, Robot
 import numpy as np
 from observing import calibration, record, Swing
@@ -42,8 +41,7 @@ def test_contact_wrenches_by_joint_states_are_those_by_poses(ros_domain, tmp_pat
         live.start('observer', calibration__file=path, pose__urdf=urdf, pose__base='base',
                    pose__frame='ft_sensor')
         player.until_heard()
-        live.until(lambda: live.call('observer/get_state', GetState).current_state.label
-                   == 'active', 'active')
+        live.until(lambda: live.state() == 'active', 'active')
         stamps = player.play(recording)
         live.until(lambda: len(player.answers) >= len(stamps) - 30, 'all answers')
     found = np.array([player.answers.get(stamp, [np.nan] * 6) for stamp in stamps])

@@ -99,7 +99,7 @@ def test_live_says_what_offline_says_of_the_same_commands(ros_domain):
     with Live() as live:
         heard, rig = Listener(live), RigTime(live)
         live.start('sim', noise='false', imu__publish='true', latency=0.1,
-                   **RIG_TIME | {'clock__wait': 5.0})
+                   **RIG_TIME | {'clock__wait': 2.5})
         live.until(lambda: len(heard['current_pose']) > 20, 'poses')
 
         rig.command(poses_of(Move(HOME, step_goal(HOME, 0.03), 0.1)), frame='tool0')
@@ -177,7 +177,7 @@ def test_its_own_clock_waits_for_commands_that_come_late(ros_domain):
         rig, said = RigTime(live), []
         live.node.create_subscription(
             DiagnosticArray, '/diagnostics', lambda m: said.append(m.status[0]), 10)
-        live.start('sim', clock__publish=True, clock__wait=3.0)
+        live.start('sim', clock__publish=True, clock__wait=2.0)
 
         def stands():
             # the pose just sent may still be on its way, and the clock then goes on once more
@@ -191,8 +191,7 @@ def test_its_own_clock_waits_for_commands_that_come_late(ros_domain):
                 if i % 20 == 10:
                     assert any(stands() for _ in range(5)), 'the clock does not wait'
 
-        stamps = rig.command(dawdling())
-        rig.until(stamps[-1] + 10**9)
+        rig.command(dawdling())
         live.until(lambda: said[-1].message == 'holding', 'holding')
         late = next(pair.value for pair in said[-1].values if pair.key == 'commands late')
         assert int(late) <= 1  # the first may be: nothing waits for a stream that has not begun
