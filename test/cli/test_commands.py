@@ -117,7 +117,6 @@ def test_the_command_after_a_fault_corrects_it(tmp_path, recording, capsys, chan
             for words in commands] == options
     words = commands[0][1:commands[0].index('--report')]
     assert main([*words, '-o', str(tmp_path / 'c.yaml')]) == 0
-    capsys.readouterr()
 
 
 def in_base(r):
@@ -140,7 +139,7 @@ def test_a_fault_without_an_option_has_its_remedy_next(
 
 @pytest.mark.parametrize('scale', [None, 2.0], ids=['wrench', 'raw channels'])
 def test_removed_samples_reach_the_calibration_and_its_report(
-        brief, tmp_path, recording, capsys, scale):
+        brief, tmp_path, recording, scale):
     values = recording.wrench.values / (scale or 1.0)
     values[1000:1003] = np.nan
     matrix = []
@@ -154,18 +153,16 @@ def test_removed_samples_reach_the_calibration_and_its_report(
                  '--report', str(tmp_path / 'r.html'), *matrix]) == 0
     assert load(tmp_path / 'c.yaml').quality['removed_samples'] == {'wrench': 3}
     assert 'Samples left out' in (tmp_path / 'r.html').read_text()
-    capsys.readouterr()
 
 
 @pytest.mark.long
-def test_compare_fails_on_drift_if_requested(brief, tmp_path, capsys):
+def test_compare_fails_on_drift_if_requested(brief, tmp_path):
     c = load(brief / 'c.yaml')
     save(replace(c, mass=Estimate(float(c.mass) + 1.0, c.mass.std, 'kg')), tmp_path / 'b.yaml')
     pair = [str(brief / 'c.yaml'), str(tmp_path / 'b.yaml')]
     assert main(['compare', *pair]) == 0
     assert main(['compare', *pair, '--fail-on', 'drift']) == 3
     assert main(['compare', pair[0], pair[0], '--fail-on', 'drift']) == 0
-    capsys.readouterr()
 
 
 def test_a_few_samples_are_enough_for_a_calibration_and_not_for_a_comparison(recording):

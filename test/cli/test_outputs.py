@@ -114,7 +114,7 @@ def test_a_reader_that_goes_early_is_no_error_of_the_file(brief):
     assert 'Traceback' not in done.stderr and 'cannot be written' not in done.stderr
 
 
-def test_a_pipe_takes_what_a_command_writes_and_stays(brief, tmp_path, capsys):
+def test_a_pipe_takes_what_a_command_writes_and_stays(brief, tmp_path):
     os.mkfifo(tmp_path / 'pipe')
     heard = []
     reader = Thread(target=lambda: heard.append((tmp_path / 'pipe').read_text()),
@@ -124,11 +124,10 @@ def test_a_pipe_takes_what_a_command_writes_and_stays(brief, tmp_path, capsys):
     reader.join()
     assert heard[0].startswith('#') and 'mass: ' in heard[0]
     assert stat.S_ISFIFO((tmp_path / 'pipe').lstat().st_mode)
-    capsys.readouterr()
 
 
 def test_a_recording_named_through_its_parent_has_its_result_in_the_folder_named(
-        bag, tmp_path, monkeypatch, capsys):
+        bag, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / 'in').mkdir()
     for name in ('in/one', 'two'):
@@ -139,15 +138,13 @@ def test_a_recording_named_through_its_parent_has_its_result_in_the_folder_named
     assert status_of(['calibrate', 'in/../in/one', 'in/../two', '-o', 'out']) == 0
     assert sorted(str(p.relative_to(tmp_path)) for p in tmp_path.rglob('*.yaml')
                   if p.name != 'metadata.yaml') == ['out/in/one.yaml', 'out/two.yaml']
-    capsys.readouterr()
 
 
-def test_a_name_as_long_as_they_may_be_is_written(brief, tmp_path, capsys):
+def test_a_name_as_long_as_they_may_be_is_written(brief, tmp_path):
     place = tmp_path / ('é' * 120 + '.yaml')
     for _ in range(2):  # the second keeps the first
         assert status_of(['export', brief / 'c.yaml', '--for', 'ur', '-o', place]) == 0
     assert sorted(os.listdir(tmp_path)) == [place.name, place.name + '~']
-    capsys.readouterr()
 
 
 def test_results_of_an_earlier_run_are_set_aside_and_other_files_are_left(tmp_path):
