@@ -3,6 +3,7 @@
 import sys
 
 from forcecal_ros.nodes import sequencer
+from forcecal_ros.nodes.runtime import run
 from std_msgs.msg import Header
 
 
@@ -29,4 +30,4 @@ class Defective(sequencer.Sequencer):
 
 
 if __name__ == '__main__':
-    sys.exit(sequencer.run('sequencer', Defective))
+    sys.exit(run('sequencer', Defective))
