@@ -1,6 +1,8 @@
 """Fixtures of general use: where recorded data is, and a DDS domain of one's own."""
 
+from contextlib import redirect_stdout
 import fcntl
+from io import StringIO
 import os
 from pathlib import Path
 import re
@@ -141,14 +143,17 @@ def _compile_observer(_):
 
 @pytest.fixture(scope='session')
 def brief(once):
-    """Return a folder with ``bag``, a brief calibration run at 250 Hz, and ``c.yaml`` of it."""
+    """Return a folder with ``bag``, a brief run at 250 Hz, and its ``c.yaml``, json and html."""
     from calibration_runs import brief_run
     from forcecal_ros.cli.main import main
     from forcecal_ros.io.bags import write_recording
 
     def fill(folder):
         write_recording(folder / 'bag', brief_run())
-        assert main(['calibrate', str(folder / 'bag'), '-o', str(folder / 'c.yaml')]) == 0
+        with redirect_stdout(StringIO()) as said:
+            assert main(['calibrate', str(folder / 'bag'), '-o', str(folder / 'c.yaml'), '--json',
+                         '--report', str(folder / 'c.html')]) == 0
+        (folder / 'c.json').write_text(said.getvalue())
 
     return once('brief', fill)
 

@@ -107,10 +107,8 @@ def test_a_stated_sign_goes_into_the_calibration_and_comes_from_it(tmp_path):
 
 
 @pytest.fixture(scope='module')
-def bag(tmp_path_factory):
-    path = tmp_path_factory.mktemp('paths') / 'bag'
-    write_recording(path, brief_run())
-    return path
+def bag(brief):
+    return brief / 'bag'
 
 
 def test_a_path_does_for_a_recording_and_for_a_calibration(bag, tmp_path):

@@ -40,13 +40,6 @@ def bags(tmp_path_factory):
     return folder
 
 
-def test_the_table_says_what_the_poses_leave_over(bags, tmp_path, capsys):
-    assert main(['calibrate', str(bags / 'sound'), '-o', str(tmp_path / 'c.yaml')]) == 0
-    said = capsys.readouterr().out
-    for label in ('force x', 'force y', 'force z', 'torque x', 'torque y', 'torque z'):
-        assert f'residual {label} at rest' in said
-
-
 def test_the_rotation_that_a_refusal_names_is_that_of_the_sensor(bags, tmp_path, capsys):
     assert main(['calibrate', str(bags / 'turned'), '-o', str(tmp_path / 'c.yaml')]) == 1
     said = capsys.readouterr().err

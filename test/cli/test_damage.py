@@ -2,21 +2,20 @@
 
 from dataclasses import replace
 import shutil
-from typing import Any
 
 from bag_samples import copy_bag, START_NS, STORE, wrench_message, write_messages
 from calibration_runs import brief_run
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.streams import Phase, Stream
-from forcecal_ros.io.bags import write_recording, write_signals
+from forcecal_ros.io.bags import write_recording
 from hypothesis import given, HealthCheck, settings
 from hypothesis import strategies as st
 from insitu_leg import Leg, PROTOCOL, record
+from leg_files import write_leg
 from longer import first
 import numpy as np
 import pytest
 from rosbags.rosbag2 import CompressionMode, Reader, StoragePlugin
-import yaml
 
 MCAP, SQLITE3 = StoragePlugin.MCAP, StoragePlugin.SQLITE3
 KINDS = {'mcap': (MCAP, CompressionMode.NONE), 'chunks': (MCAP, CompressionMode.STORAGE),
@@ -85,48 +84,30 @@ def test_files_cut_short_or_with_flipped_bits(capsys, folder, files, kind, data)
 
 
 @pytest.fixture(scope='module')
-def leg(folder):
-    """Return a leg's log as a table and as a recording."""
-    log = record(PROTOCOL[0], Leg(duration=20.0), 1)
-    names = ['t', *'abcdef', 'ax', 'ay', 'az']
-    np.savetxt(folder / 'leg.csv', np.column_stack([log.t, log.raw, log.accel]), delimiter=',',
-               header=','.join(names), comments='', fmt='%.6g')
-    write_signals(folder / 'leg', {'wrench': Stream(log.t, log.raw, 'leg'), 'imu': Stream(
-        log.t, np.hstack([log.accel, log.gyro]), 'imu')}, START_NS)
-    return {'csv': (folder / 'leg.csv').read_bytes(),
-            'mcap': next((folder / 'leg').glob('*.mcap')).read_bytes()}
-
-
-def reading(folder, kind):
-    """Return the command that reads a damaged table or recording of the leg."""
-    six: dict[str, Any] = {'csv': {'columns': [*'abcdef']}, 'mcap': {'topic': 'wrench'}}[kind]
-    felt = {'csv': {'columns': ['ax', 'ay', 'az']}, 'mcap': {'topic': 'imu/data_raw'}}[kind]
-    time = {'time': {'column': 't', 'unit': 's'}} if kind == 'csv' else {}
-    (folder / 'insitu.yaml').write_text(yaml.safe_dump({
-        'format': 'forcecal-insitu/1', 'estimate': 'offset', 'accelerometer': felt,
-        'sensors': {'leg': {**six, 'unit': 'counts'}},
-        'data_sets': [{'file': f'hurt.{kind}'}], **time}))
-    return 'insitu', folder / 'insitu.yaml', '-o', folder / 'insitu', '--quiet'
+def legs(folder):
+    """Return the file of a leg's log, and what it holds, by kind."""
+    files = {}
+    for kind in ('csv', 'mcap'):
+        (folder / f'leg {kind}').mkdir()
+        files[kind] = write_leg(folder / f'leg {kind}', record(
+            PROTOCOL[0], Leg(duration=20.0), 1), kind)
+    return {kind: (path, path.read_bytes()) for kind, path in files.items()}
 
 
 @pytest.mark.parametrize('kind', [pytest.param('csv', marks=pytest.mark.long), 'mcap'])
 @settings(max_examples=8, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
-def test_logs_of_a_leg_cut_short_or_garbled(capsys, folder, leg, kind, data):
-    content = bytearray(leg[kind])
+def test_logs_of_a_leg_cut_short_or_garbled(capsys, folder, legs, kind, data):
+    path, whole = legs[kind]
+    content = bytearray(whole)
     for _ in range(data.draw(st.integers(0, 3))):
         at = data.draw(st.integers(0, len(content)))
         content[at:at + data.draw(st.integers(0, 200))] = data.draw(st.binary(max_size=40))
     content = content[:data.draw(st.integers(0, len(content)) | st.just(len(content)))]
-    (folder / f'hurt.{kind}').write_bytes(content)
-    answers_or_one_line(capsys, reading(folder, kind))
-
-
-@pytest.mark.parametrize('kind', [pytest.param('csv', marks=pytest.mark.long), 'mcap'])
-def test_logs_of_a_leg_that_are_whole_are_answered(capsys, folder, leg, kind):
-    (folder / f'hurt.{kind}').write_bytes(leg[kind])
-    status, said = answers_or_one_line(capsys, reading(folder, kind))
-    assert status == 0, said
+    path.write_bytes(content)
+    status, said = answers_or_one_line(capsys, [
+        'insitu', folder / f'leg {kind}' / 'leg.yaml', '-o', folder / 'insitu', '--quiet'])
+    assert status == 0 or content != whole, said
 
 
 def thinned(stream, keep):

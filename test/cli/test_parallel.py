@@ -2,11 +2,6 @@
 
 import json
 import os
-import re
-import signal
-import subprocess
-import sys
-import time
 
 from forcecal_ros.cli.main import main
 from forcecal_ros.cli.many import each
@@ -19,40 +14,20 @@ from observing import calibration, record, Swing
 import pytest
 from scale_work import always_killed, killed_at_first, meet, square
 
-distributed = pytest.importorskip('distributed')
+distributed, dask = pytest.importorskip('distributed'), pytest.importorskip('dask')
 
 NAMES = ('one', 'two', 'friday/one')
 SWING = Swing(place=(0.012, 0.004, 0.006), turn=0.2)
 
 
 @pytest.fixture(scope='module')
-def cluster(tmp_path_factory):
+def cluster():
     """Start a scheduler and two worker processes of one thread each; return the address."""
-    folder = tmp_path_factory.mktemp('dask')
-    environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path),
-                   # how long the scheduler looks for what a dead worker had done
-                   'DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT': '2s'}
-    said = folder / 'scheduler'
-    processes = []
-
-    def start(log, *arguments):
-        with log.open('w') as out:
-            processes.append(subprocess.Popen(
-                [sys.executable, '-m', 'distributed.cli.' + arguments[0], *arguments[1:],
-                 '--no-dashboard', '--host', '127.0.0.1'], cwd=folder, env=environment,
-                stdout=out, stderr=subprocess.STDOUT, start_new_session=True))
-
-    start(said, 'dask_scheduler', '--port', '0')
-    end = time.monotonic() + 30.0
-    while not (found := re.search(r'at:\s+(tcp://\S+)', said.read_text())):
-        assert time.monotonic() < end, said.read_text()
-        time.sleep(0.05)
-    for i in range(2):
-        start(folder / f'worker{i}', 'dask_worker', found[1], '--nthreads', '1')
-    yield found[1]
-    for one in processes:
-        os.killpg(one.pid, signal.SIGKILL)
-        one.wait()
+    # how long the scheduler looks for what a dead worker had done
+    with (dask.config.set({'distributed.comm.timeouts.connect': '2s'}),
+          distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None)
+          as local):
+        yield local.scheduler_address
 
 
 def values(outcomes):

@@ -24,7 +24,7 @@ def test_tables_of_a_limb_come_out_with_the_masses_that_were_added(tmp_path, cap
 
 
 @pytest.mark.long
-def test_the_recordings_of_a_rig_differ_by_what_the_second_is_late(tmp_path, capsys):
+def test_the_recordings_of_a_rig_differ_by_what_the_second_is_late(tmp_path):
     assert main(['sample', 'rig', '-o', str(tmp_path)]) == 0
     sound, late = (read_recording(tmp_path / name) for name in ('sound', 'late'))
     assert sound.phases == late.phases and 'contact' in {p.name for p in sound.phases}
@@ -32,7 +32,6 @@ def test_the_recordings_of_a_rig_differ_by_what_the_second_is_late(tmp_path, cap
     ahead, behind = sound.wrench.at(t)[:, 0], late.wrench.at(t + 0.004)[:, 0]
     noise = np.hypot(*2 * [load_rig().wrench_sensor.force_noise])
     assert np.std(ahead - behind) < 1.1 * noise < np.std(ahead - late.wrench.at(t)[:, 0])
-    capsys.readouterr()
 
 
 def test_the_gripper_of_the_second_arm_is_heavier_than_its_model_says(tmp_path, capsys):

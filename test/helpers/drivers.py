@@ -5,15 +5,20 @@ from forcecal_ros.core.geometry import (
     quaternion_from_matrix,
     rotation_from_vector,
 )
+from forcecal_ros.nodes.inputs import STATIC
+from forcecal_ros.nodes.runtime import OUTPUT
 from geometry_msgs.msg import TransformStamped, TwistStamped
 import numpy as np
 from rclpy.time import Time
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import RigidTransform, Rotation
 from sensor_msgs.msg import JointState
 
 NAMES = ['x', 'y', 'z', 'yaw', 'pitch', 'roll']
 TOOL = Rotation.from_euler('xyz', [np.pi, 0.0, 0.5])
 """Far from a pitch of 90 deg at the poses of the rig, where yaw and roll are one."""
+
+MOUNT = RigidTransform.from_components([0.0, 0.02, 0.11], Rotation.from_rotvec([0.3, -0.2, 1.0]))
+"""Of the sensor in the link of /tf that carries it."""
 
 
 def gantry(base='base', sensor='ft_sensor'):
@@ -43,21 +48,31 @@ def states(stamp, positions, names=NAMES):
 
 
 class FrameTransforms:
-    """What robot_state_publisher says of one frame, where there is tf2_msgs."""
+    """What robot_state_publisher says of a sensor fixed to a link that moves."""
 
-    def __init__(self, live):
+    def __init__(self, live, base, sensor):
         from tf2_msgs.msg import TFMessage
-        self._message = TFMessage
-        self._out = live.node.create_publisher(TFMessage, '/tf', 100)
+        self._message, self._base = TFMessage, base
+        self._out = live.node.create_publisher(TFMessage, '/tf', OUTPUT)
+        static = live.node.create_publisher(TFMessage, '/tf_static', STATIC)
+        static.publish(TFMessage(transforms=[_transform(0, 'wrist', sensor, MOUNT)]))
 
-    def say(self, stamp, base, frame, pose):
-        one = TransformStamped(child_frame_id=frame)
-        one.header.frame_id, one.header.stamp = base, Time(nanoseconds=int(stamp)).to_msg()
-        for part, axes, values in ((one.transform.translation, 'xyz', pose[:3]),
-                                   (one.transform.rotation, 'xyzw', pose[3:])):
-            for axis, value in zip(axes, values):
-                setattr(part, axis, float(value))
-        self._out.publish(self._message(transforms=[one]))
+    def say(self, stamp, pose):
+        wrist = RigidTransform.from_components(
+            pose[:3], Rotation.from_quat(pose[3:])) * MOUNT.inv()
+        self._out.publish(self._message(transforms=[
+            _transform(stamp, self._base, 'wrist', wrist)]))
+
+
+def _transform(stamp, parent, child, transform):
+    one = TransformStamped(child_frame_id=child)
+    one.header.frame_id, one.header.stamp = parent, Time(nanoseconds=int(stamp)).to_msg()
+    for part, axes, values in (
+            (one.transform.translation, 'xyz', transform.translation),
+            (one.transform.rotation, 'xyzw', transform.rotation.as_quat())):
+        for axis, value in zip(axes, values):
+            setattr(part, axis, float(value))
+    return one
 
 
 class Servo:

@@ -11,6 +11,8 @@ from forcecal_ros.motion.profiles import nominal_poses
 from forcecal_ros.nodes.runtime import LATCHED, OUTPUT
 from forcecal_ros.nodes.wire import Reader, Writer
 from geometry_msgs.msg import PoseStamped, Vector3Stamped, WrenchStamped
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
 from node_process import NodeProcess
 import numpy as np
 from rcl_interfaces.msg import Parameter as ParameterMessage
@@ -81,6 +83,10 @@ class Live:
         arguments += [part for key, value in parameters.items()
                      for part in ('-p', f'{key.replace("__", ".")}:={value}')]
         arguments += [part for rule in remap for part in ('-r', rule)]
+        self.run(f'forcecal_ros.nodes.{module}', name, arguments)
+
+    def run(self, module, name, arguments):
+        """Run a module as a node with ROS arguments."""
         self.output[name] = tempfile.NamedTemporaryFile()  # noqa: SIM115 - outlives this call
         self.processes[name] = NodeProcess(module, ['--ros-args', *arguments],
                                            self.output[name].name, os.environ)
@@ -147,6 +153,15 @@ class Live:
                              value=Parameter('x', value=value).get_parameter_value())
             for name, value in parameters.items()])
         return self.call(f'{node}/set_parameters', SetParameters, request).results
+
+    def state(self, node='observer'):
+        """Return the label of a managed node's state."""
+        return self.call(f'{node}/get_state', GetState).current_state.label
+
+    def ask_for(self, transition, node='observer'):
+        """Ask a managed node for a transition; return whether it was made."""
+        request = ChangeState.Request(transition=Transition(id=transition))
+        return self.call(f'{node}/change_state', ChangeState, request).success
 
     def _on_phase(self, message):
         status = message.status[0]

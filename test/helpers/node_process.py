@@ -7,12 +7,12 @@ import runpy
 import signal
 import sys
 
-PACKAGE = 'forcecal_ros.nodes'
-IMPORTED = ('sim', 'observer', 'sequencer', 'gap', 'impedance')
-"""Nodes whose imports are done once, in a process without threads from which the others fork."""
+IMPORTED = ('nodes.sim', 'nodes.observer', 'nodes.sequencer', 'nodes.gap', 'nodes.impedance',
+            'nodes.bags', 'cli.play')
+"""What is imported once, in a process without threads from which the others fork."""
 
 _SERVED = multiprocessing.get_context('forkserver')
-_SERVED.set_forkserver_preload([f'{PACKAGE}.{name}' for name in IMPORTED])
+_SERVED.set_forkserver_preload([f'forcecal_ros.{name}' for name in IMPORTED])
 
 
 class NodeProcess:
@@ -22,7 +22,7 @@ class NodeProcess:
     Parameters
     ----------
     module : str
-        Run as ``python -m forcecal_ros.nodes.MODULE`` would.
+        Run as ``python -m MODULE`` would.
     arguments : sequence of str
     output : str
         File for what it says.
@@ -32,7 +32,7 @@ class NodeProcess:
     def __init__(self, module: str, arguments: Sequence[str], output: str,
                  environment: Mapping[str, str]) -> None:
         self._process = _SERVED.Process(target=_run, daemon=True, args=(
-            f'{PACKAGE}.{module}', list(arguments), output, dict(environment)))
+            module, list(arguments), output, dict(environment)))
         self._process.start()
 
     @property

@@ -114,11 +114,14 @@ def chunks(folder):
     return path, places
 
 
+def read_content(folder, content):
+    (folder / 'damaged.mcap').write_bytes(content)
+    return read_recording(folder / 'damaged.mcap')
+
+
 def test_file_without_index_is_read_whole(folder, chunks):
     path, places = chunks
-    unclosed = folder / 'unclosed.mcap'
-    unclosed.write_bytes(path.read_bytes()[:places[-1][1]])
-    recording = read_recording(unclosed)
+    recording = read_content(folder, path.read_bytes()[:places[-1][1]])
     assert len(recording.wrench) == MESSAGES
     assert any('has no index' in note for note in recording.notes)
 
@@ -129,8 +132,7 @@ def test_unchunked_file_is_read_whole(folder, chunks):
     loose = content[:8] + b'\x01' + struct.pack('<Q', 8) + bytes(8)
     for start, end in places:
         loose += content[start + 9 + 40:end]
-    (folder / 'loose.mcap').write_bytes(loose)
-    recording = read_recording(folder / 'loose.mcap')
+    recording = read_content(folder, loose)
     np.testing.assert_array_equal(recording.wrench.values[:, 0], np.arange(MESSAGES))
 
 
@@ -139,9 +141,7 @@ def test_damaged_length_of_a_chunk_costs_nothing(folder, chunks, at):
     path, places = chunks
     content = bytearray(path.read_bytes())
     content[places[1][0] + 1 + at % 8] ^= 0xff
-    (folder / 'length.mcap').write_bytes(content)
-    recording = read_recording(folder / 'length.mcap')
-    assert len(recording.wrench) == MESSAGES
+    assert len(read_content(folder, content).wrench) == MESSAGES
 
 
 def test_damaged_record_costs_its_chunk_only(folder, chunks):
@@ -149,8 +149,7 @@ def test_damaged_record_costs_its_chunk_only(folder, chunks):
     content = bytearray(path.read_bytes())
     start, end = places[1]
     content[start] = 0xff
-    (folder / 'framing.mcap').write_bytes(content)
-    recording = read_recording(folder / 'framing.mcap')
+    recording = read_content(folder, content)
     lost = MESSAGES - len(recording.wrench)
     share = (end - start) / sum(stop - begin for begin, stop in places)
     assert 0 < lost < MESSAGES * share * 1.5
@@ -161,10 +160,9 @@ def test_damaged_record_costs_its_chunk_only(folder, chunks):
 def test_last_chunk_of_a_cut_file_gives_what_it_holds(folder, chunks):
     path, places = chunks
     start, end = places[-1]
-    (folder / 'half.mcap').write_bytes(path.read_bytes()[:(start + end) // 2])
-    (folder / 'without.mcap').write_bytes(path.read_bytes()[:start])
-    cut = read_recording(folder / 'half.mcap')
-    half, without = len(cut.wrench), len(read_recording(folder / 'without.mcap').wrench)
+    content = path.read_bytes()
+    cut = read_content(folder, content[:(start + end) // 2])
+    half, without = len(cut.wrench), len(read_content(folder, content[:start]).wrench)
     assert half - without == pytest.approx((MESSAGES - without) / 2, abs=2)
     assert (f'the recording ends early, at {cut.wrench.t[-1]:.1f} s: its file is damaged or cut '
             'off') in cut.notes
@@ -175,8 +173,7 @@ def test_chunk_that_claims_to_be_huge_is_left_out(folder, chunks):
     content = bytearray(path.read_bytes())
     start = places[1][0]
     content[start + 25:start + 33] = struct.pack('<Q', 1 << 60)
-    (folder / 'bomb.mcap').write_bytes(content)
-    recording = read_recording(folder / 'bomb.mcap')
+    recording = read_content(folder, content)
     assert 0 < len(recording.wrench) < MESSAGES
     assert any('is damaged (1152921504606846976 bytes are stated)' in note
                for note in recording.notes)

@@ -210,9 +210,6 @@ def test_unit_in_the_name_of_a_column_holds(tmp_path, column, right, wrong):
     if wrong is not None:
         with pytest.raises(ConfigError, match=f'force.unit is {wrong!r}, expected {right}, as'):
             read(wrong)
-
-
-def test_unit_in_the_name_of_the_time_holds(tmp_path):
     one = table(ROWS.replace('t,', 'time [ms],', 1), tmp_path)
     one['time'] = {'column': 'time [ms]', 'unit': 's'}
     with pytest.raises(ConfigError, match="time.unit is 's', expected ms"):
@@ -265,13 +262,11 @@ def test_tables_of_other_programs_hold_the_same_numbers(tmp_path, text, dialect)
     (ROWS.replace('8', '"8,5"'), "line 3: '8,5' in column 'fy' is not a number.*decimal: ','"),
     (ROWS.replace('\n2,', '\n2024-05-06T07:08:09Z,'), 'if the times are dates, set unit: date'),
     ('# 2019\n' + ROWS, 'line 2: more cells than the 1 columns of the header.*comment'),
-    (ROWS.replace('8', 'eight'), "log.csv line 3: 'eight' in column 'fy' is not a number"),
     (ROWS.replace('\n2,', '\n1,'), "line 3: time 1 in column 't' is not after 1"),
     (ROWS.replace('\n2,', '\nnoon,'), "line 3: 'noon' in column 't' is not a number"),
     (ROWS.replace('\n2,', '\n1e400,'), 'out of range; check the unit'),
     (ROWS.replace(',12', ''), "line 3: '' in column 'tz' is not a number"),
     (ROWS.replace(',12', ',12,13'), 'line 3: more cells than the 7 columns of the header'),
-    (ROWS.replace(',12', ',12,13,14'), 'line 3: more cells than the 7 columns of the header'),
     (ROWS.replace('fx,fy', 'fx,fx'), "several columns 'fx'|no column 'fy'"),
     (ROWS[len(HEADER):], "no column 't': the header line contains numbers; set header"),
     ('', 'no rows'),
@@ -402,8 +397,6 @@ def changed(**keys):
     ({'signals': {'wrench': changed(force={'columns': ['fx', 'fy'], 'unit': 'N'})}},
      r'force.columns is .*, expected a list of 3 columns'),
     ({'signals': {'wrench': changed(torque=None)}}, 'signals.wrench: missing key torque'),
-    ({'signals': {'wrench': changed(forces=1)}},
-     r'wrench: unknown key forces; did you mean force\?'),
     ({'signals': {'force': WRENCH}},
      'signals: unknown key force; expected one of wrench, contact_truth'),
     ({'signals': {'pose': {'frame': 'base'}}},
@@ -422,26 +415,19 @@ def changed(**keys):
     ({'decimal': ','}, "delimiter is ',', expected a character other than decimal"),
 ])
 def test_faulty_specification_names_the_key(tmp_path, change, message):
-    entry = {**table(ROWS, tmp_path), **change}
-    if 'rate' in change:
-        del entry['time']
     with pytest.raises(ConfigError, match=message) as error:
-        imported(tmp_path, entry)
+        imported(tmp_path, {**table(ROWS, tmp_path), **change})
     assert 'spec.yaml' in str(error.value)
     assert '\n' not in str(error.value)
 
 
 @pytest.mark.parametrize('text, message', [
     ('', 'the file is None, expected the keys tables'),
-    ('format: other/1', "format is 'other/1', expected forcecal-import/1"),
-    ('format: forcecal-import/1', 'missing key tables'),
-], ids=range(3))
+    ('format: other/1', "format is 'other/1', expected forcecal-import/1")])
 def test_file_that_is_no_specification_is_refused(tmp_path, text, message):
-    path = tmp_path / 'spec.yaml'
-    path.write_text(text)
-    with pytest.raises(ConfigError, match=message) as error:
-        load_specification(path)
-    assert len(str(error.value)) < 600
+    (tmp_path / 'spec.yaml').write_text(text)
+    with pytest.raises(ConfigError, match=message):
+        load_specification(tmp_path / 'spec.yaml')
 
 
 @given(st.recursive(st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
@@ -563,17 +549,14 @@ def test_dates_are_times(tmp_path, cell):
     np.testing.assert_allclose(found.signals['wrench'].t, [0.0, 1.000000001], rtol=1e-15)
 
 
-@pytest.mark.parametrize('cell', ['25/01/2018 10:47:34', '2018-13-01 00:00:00', '10:47:34', '3.5'])
-def test_what_is_no_date_is_told(tmp_path, cell):
-    rows = HEADER + f'{cell},1,2,3,4,5,6\n2031-01-01 00:00:00,7,8,9,1,2,3\n'
-    with pytest.raises(DataError, match="line 2: .* in column 't' is not a"):
+@pytest.mark.parametrize('cell, why', [
+    *((cell, "line 2: .* in column 't' is not a") for cell in (
+        '25/01/2018 10:47:34', '2018-13-01 00:00:00', '10:47:34', '3.5')),
+    ('9018-01-25 10:47:34', "'t' are out of range")])
+def test_what_is_no_date_is_told(tmp_path, cell, why):
+    rows = HEADER + f'{cell},1,2,3,4,5,6\n9031-01-01 00:00:00,7,8,9,1,2,3\n'
+    with pytest.raises(DataError, match=why):
         imported(tmp_path, table(rows, tmp_path, unit='date'))
-
-
-def test_a_date_beyond_64_bits_is_out_of_range(tmp_path):
-    text = HEADER + '9018-01-25 10:47:34,0,0,0,0,0,0\n'
-    with pytest.raises(DataError, match="'t' are out of range"):
-        imported(tmp_path, table(text, tmp_path, unit='date'))
 
 
 def test_messages_that_were_not_renewed_are_left_out(tmp_path):

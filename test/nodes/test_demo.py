@@ -41,6 +41,7 @@ def demo(tmp_path_factory):
         with pytest.MonkeyPatch.context() as patch, redirect_stdout(StringIO()) as said:
             (out / 'rig.yaml').write_text(dump_rig(slow_rig(500.0)))
             patch.setitem(ON_TIME, 'rig', str(out / 'rig.yaml'))
+            patch.setitem(ON_TIME, 'speed', 2.0)
             for name, seconds in BRIEF.items():
                 patch.setitem(FOR_SIMULATION, name, seconds)
             assert main(['demo', '--output', str(out), '--json', '--quiet']) == 0

@@ -41,7 +41,7 @@ def test_an_inertia_that_is_not_given_stays_as_calibrated():
 
 def test_a_tracked_tool_is_published_and_taken_by_those_who_want_it(ros_domain, tmp_path):
     save(calibration(), tmp_path / 'c.yaml')
-    recording, mass, _ = on_the_rig(1.0, start=1.5, parts=TURNS[:3])
+    recording, mass, _ = on_the_rig(1.0, start=1.0, parts=TURNS[:2])
     expected = follow(recording, calibration()).announced[-1]
     names = ('tracking', 'told')
     with Live() as live:

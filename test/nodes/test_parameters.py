@@ -199,33 +199,30 @@ def test_the_page_has_the_type_and_qos_of_a_topic(described, node, ends):
     assert seen >= ends
 
 
-@pytest.fixture(scope='module')
-def stamped(described):
-    """Return frames and stamps [s] of the rig's topics, of a second, by name."""
+def period(headers):
+    """Return the median time between stamps [s]."""
+    return statistics.median((after.stamp.sec - before.stamp.sec) + 1e-9 * (
+        after.stamp.nanosec - before.stamp.nanosec) for before, after in pairwise(headers))
+
+
+def test_the_page_has_rate_and_frame_of_each_topic_of_the_rig(described):
     live, heard = described[0], {}
-    for line in documented('sim'):
-        if line.direction == 'publishes' and line.cells[1] != 'if enabled':
-            package, _, name = line.types[0].partition('/')
-            kind = getattr(import_module(f'{package}.msg'), name)
-            for topic in line.names:
-                rows = heard.setdefault(topic, [])
-                live.node.create_subscription(kind, topic, lambda message, rows=rows: rows.append(
-                    message.header), 1000)
+    lines = {topic: line for line in documented('sim') for topic in line.names
+             if line.direction == 'publishes' and line.cells[1] != 'if enabled'}
+    for topic, line in lines.items():
+        package, _, name = line.types[0].partition('/')
+        rows = heard.setdefault(topic, [])
+        live.node.create_subscription(
+            getattr(import_module(f'{package}.msg'), name), topic,
+            lambda message, rows=rows: rows.append(message.header), 1000)
     live.until(lambda: all(len(rows) > 100 for rows in heard.values()), 'samples of each sensor')
-    return {topic: ({one.frame_id for one in rows},
-                    [one.stamp.sec + 1e-9 * one.stamp.nanosec for one in rows])
-            for topic, rows in heard.items()}
-
-
-@pytest.mark.parametrize('topic', [
-    'wrench', 'sim/contact_wrench', 'accelerometer/raw', 'current_pose', 'optidrive'])
-def test_the_page_has_rate_and_frame_of_a_topic(stamped, topic):
-    line, = (line for line in documented('sim') if topic in line.names)
-    _, rate, *frames = line.cells
-    seen, stamps = stamped[topic]
-    period = statistics.median(b - a for a, b in pairwise(stamps))
-    assert float(rate.removesuffix(' Hz')) == pytest.approx(1.0 / period, rel=1e-3)
-    assert {table('sim')[frame.strip('`')].default for frame in frames} == seen - {''}
+    assert {*heard} == {'wrench', 'sim/contact_wrench', 'accelerometer/raw', 'current_pose',
+                        'optidrive'}
+    for topic, rows in heard.items():
+        _, rate, *frames = lines[topic].cells
+        assert float(rate.removesuffix(' Hz')) == pytest.approx(1.0 / period(rows), rel=1e-3)
+        assert {table('sim')[frame.strip('`')].default for frame in frames} == {
+            one.frame_id for one in rows} - {''}, topic
 
 
 @pytest.mark.parametrize('node, words', [
@@ -325,8 +322,7 @@ def test_start_begins_a_motion_and_abort_ends_it(described, shell):
     live.until(lambda: len(commands) > 20, 'commands')
     line, = (line for line in documented('sequencer') if 'target_frame' in line.names)
     assert line.cells[1:] == ['`motion.rate`', 'that of `current_pose`']
-    stamps = [one.stamp.sec + 1e-9 * one.stamp.nanosec for one in commands]
-    assert statistics.median(b - a for a, b in pairwise(stamps)) == pytest.approx(
+    assert period(commands) == pytest.approx(
         1.0 / table('sequencer')['motion.rate'].default, rel=0.05)
     assert {one.frame_id for one in commands} == {table('sim')['frames.base'].default}
     shell('abort')  # unless the robot of a busy machine has ended it before

@@ -1,8 +1,8 @@
 """forcecal play in a robot's domain: no motion, no second voice, unless asked for."""
 
 from collections import Counter
-import subprocess
-import sys
+import os
+import tempfile
 
 from bag_samples import START_NS
 from forcecal_ros.cli.main import main
@@ -11,6 +11,7 @@ from forcecal_ros.core.topics import Topic
 from forcecal_ros.io.bags import write_signals
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from live import Live
+from node_process import NodeProcess
 import numpy as np
 import pytest
 
@@ -21,25 +22,30 @@ ALL = {'/wrench', '/current_pose', '/target_frame', '/observer/contact_wrench'}
 QUIET = {'/wrench', '/current_pose'}
 
 
-@pytest.mark.parametrize('name, type_, command, output', [
-    ('/target_frame', 'geometry_msgs/msg/PoseStamped', True, False),
-    ('/left/target_frame', 'geometry_msgs/msg/PoseStamped', True, False),
-    ('/servo_node/delta_twist_cmds', 'geometry_msgs/msg/TwistStamped', True, False),
-    ('/arm/joint_trajectory', 'trajectory_msgs/msg/JointTrajectory', True, False),
-    ('/position_controller/commands', 'std_msgs/msg/Float64MultiArray', True, False),
-    ('/cmd_vel', 'geometry_msgs/msg/Twist', True, False),
-    ('/observer/contact_wrench', 'geometry_msgs/msg/WrenchStamped', False, True),
-    ('/left/sequencer/calibration', 'std_msgs/msg/String', False, True),
-    ('/impedance/phase', 'diagnostic_msgs/msg/DiagnosticArray', False, True),
-    ('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', False, True),
-    ('/wrench', 'geometry_msgs/msg/WrenchStamped', False, False),
-    ('/accelerometer/raw', 'geometry_msgs/msg/Vector3Stamped', False, False),
-    ('/sim/contact_wrench', 'geometry_msgs/msg/WrenchStamped', False, False),
-    ('/commanded_pose', 'geometry_msgs/msg/PoseStamped', False, False),
-    ('/joint_states', 'sensor_msgs/msg/JointState', False, False)])
-def test_commands_and_outputs_are_told_from_what_sensors_say(name, type_, command, output):
-    topic = Topic(name, type_)
-    assert (topic.is_command, topic.is_output) == (command, output)
+COMMANDS = {
+    '/target_frame': 'geometry_msgs/msg/PoseStamped',
+    '/left/target_frame': 'geometry_msgs/msg/PoseStamped',
+    '/servo_node/delta_twist_cmds': 'geometry_msgs/msg/TwistStamped',
+    '/arm/joint_trajectory': 'trajectory_msgs/msg/JointTrajectory',
+    '/position_controller/commands': 'std_msgs/msg/Float64MultiArray',
+    '/cmd_vel': 'geometry_msgs/msg/Twist'}
+OUTPUTS = {
+    '/observer/contact_wrench': 'geometry_msgs/msg/WrenchStamped',
+    '/left/sequencer/calibration': 'std_msgs/msg/String',
+    '/impedance/phase': 'diagnostic_msgs/msg/DiagnosticArray',
+    '/diagnostics': 'diagnostic_msgs/msg/DiagnosticArray'}
+SENSORS = {
+    '/wrench': 'geometry_msgs/msg/WrenchStamped',
+    '/accelerometer/raw': 'geometry_msgs/msg/Vector3Stamped',
+    '/sim/contact_wrench': 'geometry_msgs/msg/WrenchStamped',
+    '/commanded_pose': 'geometry_msgs/msg/PoseStamped',
+    '/joint_states': 'sensor_msgs/msg/JointState'}
+
+
+def test_commands_and_outputs_are_told_from_what_sensors_say():
+    topics = [Topic(*one) for group in (COMMANDS, OUTPUTS, SENSORS) for one in group.items()]
+    assert {topic.name for topic in topics if topic.is_command} == {*COMMANDS}
+    assert {topic.name for topic in topics if topic.is_output} == {*OUTPUTS}
 
 
 @pytest.fixture(scope='module')
@@ -61,7 +67,7 @@ class Robot(Live):
 
     def __init__(self, topics):
         super().__init__()
-        self.heard = Counter()
+        self.heard, self.players = Counter(), {}
         for topic in topics:
             self.listen(topic)
 
@@ -69,45 +75,38 @@ class Robot(Live):
         self.node.create_subscription(
             self.TYPES[topic], topic, lambda message: self.heard.update([topic]), 1000)
 
-    def play(self, bag, *options, **where):
-        """Start forcecal play."""
-        return subprocess.Popen(
-            [sys.executable, '-m', 'forcecal_ros.cli.main', 'play', str(bag),
-             *([] if '--delay' in options else ['--delay', DISCOVERY]),
-             *options],
-            **{'stdin': subprocess.DEVNULL, 'stdout': subprocess.PIPE,
-               'stderr': subprocess.PIPE, **where}, text=True)
+    def play(self, bag, *each):
+        """Start ``forcecal play`` with several options at a time."""
+        for options in each:
+            name = ' '.join(options)
+            self.output[name] = tempfile.NamedTemporaryFile()  # noqa: SIM115 - until the end
+            self.players[name] = NodeProcess('forcecal_ros.cli.main', [
+                'play', str(bag), '--delay', DISCOVERY, *options], self.output[name].name,
+                os.environ)
 
-    def played(self, bag, *each):
-        """Play the bag with several options at a time; return status, stdout, stderr of each."""
-        players = [self.play(bag, *options) for options in each]
-        self.until(lambda: all(player.poll() is not None for player in players), 'the end')
+    def ended(self):
+        """Wait for all; return status and words of each."""
+        self.until(lambda: all(one.poll() is not None for one in self.players.values()), 'the end')
         self.spin(0.3)
-        said = [player.communicate() for player in players]
-        return [(player.returncode, *both) for player, both in zip(players, said)]
+        return [(one.returncode, self.said(name)) for name, one in self.players.items()]
 
 
-def test_a_recording_moves_no_robot_and_speaks_for_no_observer_unless_told_to(
-        ros_domain, capfd, bag):
+def test_a_recording_moves_no_robot_and_speaks_for_no_observer_unless_told_to(ros_domain, bag):
     with Robot(ALL) as robot:
-        assert main(['play', str(bag), '--with-commands', '--delay', '0']) == 1
-        said = capfd.readouterr()
-        assert said.out == '' and '--yes' in said.err
-        assert 'nodes subscribe to /target_frame (bench)' in said.err
-        assert not robot.heard
-        plain, outputs, elsewhere, told = robot.played(
-            bag, [], ['--with-outputs', '--only', '/observer/contact_wrench'],
-            ['--with-commands', '--namespace', 'recorded'],
-            ['--with-commands', '--only', 'target_frame', '--yes'])
-    status, out, err = plain
-    assert status == 0, err
-    assert '/target_frame (commands that a robot follows: --with-commands)' in err
-    assert '/observer/contact_wrench (outputs of nodes' in err and '/target_frame' not in out
-    assert '/observer/contact_wrench' not in out
-    assert outputs[0] == 0
+        robot.play(bag, ['--with-commands'], [],
+                   ['--with-outputs', '--only', '/observer/contact_wrench'],
+                   ['--with-commands', '--namespace', 'recorded'],
+                   ['--with-commands', '--only', 'target_frame', '--yes'])
+        refused, plain, outputs, elsewhere, told = robot.ended()
+    assert refused[0] == 1 and '--yes' in refused[1]
+    assert 'nodes subscribe to /target_frame (bench' in refused[1]
+    assert [status for status, _ in (plain, outputs, elsewhere, told)] == [0] * 4, plain[1]
+    assert '/target_frame (commands that a robot follows: --with-commands)' in plain[1]
+    assert '/observer/contact_wrench (outputs of nodes' in plain[1]
+    assert f'{SAMPLES} /wrench' in plain[1] and f'{SAMPLES} /target_frame' not in plain[1]
     # a prefix leads them away from the robot
-    assert elsewhere[0] == 0 and f'{SAMPLES} /recorded/target_frame' in elsewhere[1]
-    assert told[0] == 0 and f'{SAMPLES} /target_frame' in told[1]
+    assert f'{SAMPLES} /recorded/target_frame' in elsewhere[1]
+    assert f'{SAMPLES} /target_frame' in told[1]
     # outputs and commands once: of the player that was told to
     assert robot.heard == dict.fromkeys(ALL, SAMPLES)
 
@@ -124,10 +123,9 @@ def test_what_leaves_nothing_to_play_is_refused(ros_domain, capfd, bag, options,
 
 def test_commands_end_when_somebody_begins_to_listen(ros_domain, bag):
     with Robot(QUIET) as robot:
-        process = robot.play(bag, '--with-commands', '--rate', '0.1')
+        robot.play(bag, ['--with-commands', '--rate', '0.1'])
         robot.until(lambda: robot.heard['/wrench'] > 10, 'the first of it')
         robot.listen('/target_frame')
-        _, err = process.communicate(timeout=30)
-        robot.spin(0.3)
-        assert process.returncode == 1 and 'a node has subscribed to the commands' in err
+        (status, said), = robot.ended()
+        assert status == 1 and 'a node has subscribed to the commands' in said
         assert robot.heard['/wrench'] < SAMPLES and robot.heard['/target_frame'] <= 1

@@ -95,14 +95,15 @@ class Driven:
         self.live, self.moving, self._last = live, [], None
         self.robot = Robot(live, commands=False, names=topics, qos=qos, period=period)
         self.robot.silent.add('accelerometer/raw')
-        self._base, self._frame = settings['pose.base'], settings['pose.frame']
+        self._base = settings['pose.base']
         self._names = settings['joints.names']
         self._states = live.node.create_publisher(
             JointState, topics.get('joint_states', 'joint_states'), qos_profile_system_default)
         self.positions = [0.1] * len(self._names)
         if self._base:
             self.robot.silent.add('current_pose')
-            self._transforms = FrameTransforms(live) if find_spec('tf2_msgs') else None
+            self._transforms = FrameTransforms(live, self._base, settings['pose.frame']) if (
+                find_spec('tf2_msgs')) else None
         live.node.create_timer(period, self._say)
         {'target_frame': self._follow_poses, 'joint_trajectory': self._follow_joints,
          'delta_twist_cmds': self._follow_twists}[settings['motion.backend']](
@@ -134,7 +135,7 @@ class Driven:
         if self._transforms is None:
             self._states.publish(states(now, joints_at(pose)))
         else:
-            self._transforms.say(now, self._base, self._frame, pose)
+            self._transforms.say(now, pose)
 
     def _follow_poses(self, topic):
         def take(stamp, pose):

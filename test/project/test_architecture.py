@@ -2,10 +2,18 @@
 
 import ast
 from graphlib import CycleError, TopologicalSorter
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
 import re
 
-from imports import imported_by, PACKAGE, PATHS, room, tree
 import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+_spec = spec_from_file_location('architecture', ROOT / 'docs' / 'architecture.py')
+architecture = module_from_spec(_spec)
+_spec.loader.exec_module(architecture)
+PACKAGE, PATHS, room = architecture.PACKAGE, architecture.PATHS, architecture.room
+imported_by, tree = architecture.imported_by, architecture.tree
 
 ROS = re.compile(
     r'\w+_msgs|rcl\w*|std_srvs|builtin_interfaces|ament_\w+|launch\w*|rosidl\w*|ros\w*2\w*|tf2\w*')
@@ -133,3 +141,21 @@ def test_only_nodes_and_messages_know_ros():
     knowing = {room(name) for name in PATHS for foreign in _foreign(name)
                if ROS.fullmatch(foreign)}
     assert knowing <= {'nodes'}
+
+
+PAGE = (ROOT / 'docs' / 'architecture.md').read_text()
+
+
+def test_the_picture_of_the_page_shows_the_imports_of_today():
+    graph = architecture.reduced(architecture.rooms())
+    drawn = set(re.findall(r'<g id="(room-[^"]+|[^"]+-imports-[^"]+)"',
+                           architecture.PICTURE.read_text()))
+    assert drawn == architecture.ids(graph), 'draw it again: python docs/architecture.py'
+    assert f']({architecture.PICTURE.name})' in PAGE
+
+
+def test_every_room_has_its_row_in_the_page_and_every_file_that_it_names_is_there():
+    rows = set(re.findall(r'^- `([\w.]+)`: ', PAGE, re.MULTILINE))
+    assert set(architecture.rooms()) <= rows
+    files = re.findall(r'`([\w./*]+\.(?:py|md))`', PAGE)
+    assert files and all([*ROOT.glob(name), *(ROOT / PACKAGE).glob(name)] for name in files)

@@ -164,7 +164,7 @@ def is_there(name):
 def test_every_name_with_dots_is_of_a_parameter_or_of_something_else_that_is_there(page):
     text = re.sub(r'```.*?```', '', page.read_text(), flags=re.DOTALL)
     groups = {name.partition('.')[0] for name in PARAMETERS if '.' in name}
-    names = set(re.findall(r'`([a-z_]+(?:\.[a-z_*]+)+)`', text)) | {
+    names = set(re.findall(r'`([a-z_]+(?:\.[A-Za-z_*]+)+)`', text)) | {
         name for name in re.findall(r'(?<![\w/.`-])([a-z_]+\.[a-z_]+)(?![\w(/])', text)
         if name.partition('.')[0] in groups}
     assert not {name for name in names if not name.endswith(FILES) and not is_there(name)}

@@ -38,38 +38,32 @@ def test_a_value_has_moved_when_it_differs_by_more_than_a_tenth_of_a_standard_er
     word, lines = golden.compare(one, diagnosed('exact', mass=[2.02, 0.1]))
     assert word == 'moved'
     assert 'mass: 2.0 -> 2.02' in lines[0]
-
-
-def test_a_value_that_vanishes_or_appears_has_moved():
     word, lines = golden.compare(diagnosed('exact', mass=[2.0, 0.1], com=[0.1, 0.1]),
                                  diagnosed('exact', mass=[2.0, 0.1], gain=[1.0, 0.1]))
-    assert word == 'moved'
-    assert lines == ['com: 0.1 -> none', 'gain: none -> 1.0']
+    assert (word, lines) == ('moved', ['com: 0.1 -> none', 'gain: none -> 1.0'])
 
 
-@pytest.mark.parametrize('after, status', [('wrong', 1), ('alias', 0), ('exact', 0)])
-def test_the_exit_status_is_1_for_a_worse_answer_only(after, status, capsys):
-    pinned = {DELAY.name: diagnosed('exact')}
-    assert golden.report(pinned, {DELAY.name: diagnosed(after)}, [DELAY]) == status
-    assert ('WORSE rig/delay' in capsys.readouterr().out) == bool(status)
+PINNED = {DELAY.name: diagnosed('exact')}
+OTHER = {'digest': 'b'}
 
 
-def test_a_pinned_answer_that_cannot_be_judged_is_an_error(capsys):
-    pinned = {DELAY.name: diagnosed('exact')}
-    assert golden.report(pinned, {}, [DELAY]) == 1
-    assert 'NOT JUDGED rig/delay: its recording cannot be made' in capsys.readouterr().out
-    assert golden.report(pinned, {}, [], gone=[DELAY.name]) == 1
+@pytest.mark.parametrize('now, status, said', [
+    ({DELAY.name: diagnosed('wrong')}, 1, 'WORSE rig/delay'),
+    ({DELAY.name: diagnosed('alias')}, 0, '1 lower'),
+    ({DELAY.name: diagnosed('exact')}, 0, '1 same'),
+    ({}, 1, 'NOT JUDGED rig/delay: its recording cannot be made'),
+    ({DELAY.name: diagnosed('exact') | OTHER}, 0, '1 of another recording'),
+    ({DELAY.name: diagnosed('wrong') | OTHER}, 1, '1 of another recording')])
+def test_the_exit_status_is_1_for_an_answer_that_is_worse_or_cannot_be_judged(
+        now, status, said, capsys):
+    assert golden.report(PINNED, now, [DELAY]) == status
+    shown = capsys.readouterr().out
+    assert said in shown and ('WORSE' in shown) == (status == 1 and now != {})
+
+
+def test_answers_without_a_case_or_a_pinned_one_are_named(capsys):
+    assert golden.report(PINNED, {}, [], gone=[DELAY.name]) == 1
     assert 'NOT JUDGED rig/delay: it is pinned, and no case' in capsys.readouterr().out
-
-
-def test_an_answer_on_another_recording_is_judged_and_reported(capsys):
-    pinned = {DELAY.name: diagnosed('exact')}
-    assert golden.report(pinned, {DELAY.name: {**diagnosed('exact'), 'digest': 'b'}}, [DELAY]) == 0
-    assert '1 of another recording' in capsys.readouterr().out
-    assert golden.report(pinned, {DELAY.name: {**diagnosed('wrong'), 'digest': 'b'}}, [DELAY]) == 1
-
-
-def test_answers_that_are_not_pinned_are_named_in_one_line(capsys):
     others = [DELAY._replace(name=name) for name in ('one', 'two')]
     assert golden.report({}, {'one': diagnosed('wrong')}, others) == 0
     assert '2 not pinned: one, two\n' in capsys.readouterr().out
