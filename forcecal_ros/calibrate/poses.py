@@ -250,12 +250,14 @@ def rest_within(pose: PoseStream, start: float, end: float) -> tuple[float, floa
     Returns
     -------
     tuple of float
-        Start and end [s] of the longest rest; those given where the pose does not move, and where
-        it moves nearly all along, which is for the fit to judge.
+        Start and end [s] of the longest rest; those given where there is no pose, where it does
+        not move, and where it moves nearly all along, which is for the fit to judge.
     """
     # a motion that ends so shortly before still rings; the least that is kept of a phase [s]
     before, ring_down, shortest = 0.2, 0.5, 0.3
     cut = pose.between(start - before, end)
+    if not len(cut.t):
+        return start, end
     stands = _standstills(cut, ring_down, shortest)
     first, last = max(stands, key=lambda one: one[1] - one[0], default=(start, end))
     return (max(start, first) if first > cut.t[0] + _AVERAGED else start,
