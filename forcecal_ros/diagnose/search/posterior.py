@@ -209,29 +209,31 @@ def extended(parent: Explanation, table: _Table, known: set[frozenset[str]],
     """
     now, fits = parent.fit, []
     likely = [t for t in table.candidates(now) if t.evidence > max(least, WORTH)]
-    likely = [t for t in likely if parent.names | {t.effect.name} not in known]
-    for t, begun in _by_first_step(now, likely):
-        known.add(parent.names | {t.effect.name})
-        fits += [(one, _continued(now, one, begun if one is t else None))
-                 for one in (t, *t.nested) if one.evidence > WORTH]
+    for t, begun in _by_first_step(parent, likely):
+        names = parent.names | {t.effect.name}
+        if names not in known:
+            known.add(names)
+            fits += [(one, _continued(now, one, begun if one is t else None))
+                     for one in (t, *t.nested) if one.evidence > WORTH]
     return [weigh(fit, {**parent.ways, t.effect.name: float(np.log(t.ways))})
             for t, fit in fits if fit is not None]
 
 
-def _by_first_step(now: JointFit, likely: Sequence[Candidate]
-                    ) -> list[tuple[Candidate, JointFit | None]]:
+def _by_first_step(parent: Explanation, likely: Sequence[Candidate]
+                   ) -> list[tuple[Candidate, JointFit | None]]:
     """
-    Choose the candidates to fit, by the first step of each fit where many are likely.
+    Choose candidates to fit: beside nothing, by the first step of the fit where many are likely.
 
     Of what depends on products of its parameters, as a cable's torque does on its pull and its
-    point, the columns show little: they were taken where it is small.
+    point, the columns show little: they were taken where it is small. What begins or ends keeps
+    its place by the columns.
     """
-    if len(likely) <= REFINED:
-        return [(t, None) for t in likely]
-    begun = [(t, _with(now, t, 1)) for t in likely[:2 * REFINED]]
-    ranked = sorted(((weigh(fit).evidence - float(np.log(t.ways)), t, fit)
-                     for t, fit in begun if fit), key=lambda one: -one[0])
-    return [(t, fit) for _, t, fit in ranked[:REFINED]]
+    if parent.names or len(likely) <= REFINED:
+        return [(t, None) for t in likely[:REFINED]]
+    begun = [(t, None if t.gate else _with(parent.fit, t, 1)) for t in likely[:2 * REFINED]]
+    gains = [weigh(fit).evidence - parent.evidence - float(np.log(t.ways)) if fit else t.evidence
+             for t, fit in begun]
+    return [begun[i] for i in np.argsort(gains)[:-REFINED - 1:-1]]
 
 
 def _continued(now: JointFit, t: Candidate, begun: JointFit | None) -> JointFit | None:

@@ -4,6 +4,7 @@ from forcecal_ros.diagnose.dataset import split_datasets
 from forcecal_ros.diagnose.model.linearised import linearised_model
 from forcecal_ros.diagnose.search import model_comparison, posterior
 from forcecal_ros.diagnose.search.model_comparison import Accepted, joint_fit
+from forcecal_ros.diagnose.search.posterior import Explanation
 from forcecal_ros.diagnose.sources.pair import PairSource
 import numpy as np
 from own_arm import real, simulated, TOLERANCES
@@ -51,14 +52,22 @@ def test_a_number_that_was_left_out_is_estimated_where_the_fit_has_come_to(model
 
 def test_effects_are_chosen_by_the_first_step_of_their_fits(monkeypatch):
     """Of more than are fitted, the last by its columns is the best where they are taken anew."""
-    after = {f'effect {k}': 10.0 * k for k in range(2 * posterior.REFINED + 2)}
-    likely = [type('Candidate', (), {'effect': type('Effect', (), {'name': name}), 'ways': 1})
-              for name in after]
-    monkeypatch.setattr(posterior, '_with', lambda now, t, rounds: t.effect.name)
-    monkeypatch.setattr(posterior, 'weigh', lambda fit: posterior.Explanation(
-        fit, after[fit], 0.0))
-    chosen = posterior._by_first_step(None, likely)
     n = 2 * posterior.REFINED
-    assert [fit for _, fit in chosen] == [f'effect {k}' for k in range(n - 1, n - 5, -1)]
+    likely = [candidate(f'effect {k}', 1000.0 - k, None) for k in range(n + 1)]
+    likely[2] = candidate('step', 75.0, 'gate')
+    monkeypatch.setattr(posterior, '_with', lambda now, t, rounds: t.effect.name)
+    monkeypatch.setattr(posterior, 'weigh', lambda fit: Explanation(
+        fit, 500.0 + 10.0 * int(fit.split()[1]), 0.0))
+    nothing = Explanation(type('Fit', (), {'accepted': []}), 500.0, 0.0)
+    chosen = posterior._by_first_step(nothing, likely)
+    assert [t.effect.name for t, _ in chosen] == ['step', f'effect {n - 1}', f'effect {n - 2}',
+                                                  f'effect {n - 3}']
+    assert [fit for _, fit in chosen] == [None, f'effect {n - 1}', f'effect {n - 2}',
+                                          f'effect {n - 3}']
     few = likely[:posterior.REFINED]
-    assert posterior._by_first_step(None, few) == [(t, None) for t in few]
+    assert posterior._by_first_step(nothing, few) == [(t, None) for t in few]
+
+
+def candidate(name, evidence, gate):
+    return type('Candidate', (), {'effect': type('Effect', (), {'name': name}), 'ways': 1,
+                                  'evidence': evidence, 'gate': gate})
