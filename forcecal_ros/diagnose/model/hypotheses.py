@@ -254,6 +254,20 @@ def _transposed(columns: list[list[Column]]) -> tuple[list[Column], ...]:
     return tuple(list(one) for one in zip(*columns))
 
 
+def left_out(model: LinearisedModel, name: str, theta: Array, free: NDArray[np.intp]
+             ) -> list[Hypothesis]:
+    """List each number of an effect that is not estimated as a hypothesis, about its values."""
+    effect, out = model.library[name], []
+    for i in (i for i, q in enumerate(effect.parameters)
+              if len(theta) and not q.shapes and i not in free):
+        jacobian, start = effect_jacobian(model, name, theta, np.array([i])), theta.copy()
+        start[i] = nominal_of(effect)[i] + jacobian.units[0]
+        atom = Atom(start, jacobian.free, jacobian.columns)
+        if any(one for columns in atom.columns for one in columns):
+            out.append(Hypothesis(f'{name}.{i}', effect, (), (atom,)))
+    return out
+
+
 class EffectJacobian(NamedTuple):
     """
     Columns of an effect's estimated parameters at their values.

@@ -21,6 +21,7 @@ from forcecal_ros.diagnose.model.hypotheses import (
     everywhere,
     Hypothesis,
     in_one_recording,
+    left_out,
 )
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.search.calibration import (
@@ -40,6 +41,7 @@ from forcecal_ros.diagnose.search.model_comparison import (
     Candidate,
     joint_fit_if_finite,
     JointFit,
+    WORTHWHILE,
 )
 from forcecal_ros.diagnose.verdict import NAMED, UNKNOWN
 from forcecal_ros.sim.signals import BLOCK
@@ -207,18 +209,41 @@ def extended(parent: Explanation, table: _Table, known: set[frozenset[str]],
     """
     now, fits = parent.fit, []
     likely = [t for t in table.candidates(now) if t.evidence > max(least, WORTH)]
-    for t in likely[:REFINED]:
+    for t, begun in _by_first_step(parent, likely):
         names = parent.names | {t.effect.name}
         if names not in known:
             known.add(names)
-            fits += [(one, _with_change_point(now, one) if one.gate and
-                      one.gate.instant is not None else _with(now, one))
+            fits += [(one, _continued(now, one, begun if one is t else None))
                      for one in (t, *t.nested) if one.evidence > WORTH]
     return [weigh(fit, {**parent.ways, t.effect.name: float(np.log(t.ways))})
             for t, fit in fits if fit is not None]
 
 
-def _with(now: JointFit, t: Candidate) -> JointFit | None:
+def _by_first_step(parent: Explanation, likely: Sequence[Candidate]
+                   ) -> list[tuple[Candidate, JointFit | None]]:
+    """
+    Choose candidates to fit: beside nothing, by the first step of the fit where many are likely.
+
+    Of what depends on products of its parameters, as a cable's torque does on its pull and its
+    point, the columns show little: they were taken where it is small. What begins or ends keeps
+    its place by the columns.
+    """
+    if parent.names or len(likely) <= REFINED:
+        return [(t, None) for t in likely[:REFINED]]
+    begun = [(t, None if t.gate else _with(parent.fit, t, 1)) for t in likely[:2 * REFINED]]
+    gains = [weigh(fit).evidence - parent.evidence - float(np.log(t.ways)) if fit else t.evidence
+             for t, fit in begun]
+    return [begun[i] for i in np.argsort(gains)[:-REFINED - 1:-1]]
+
+
+def _continued(now: JointFit, t: Candidate, begun: JointFit | None) -> JointFit | None:
+    """Fit a candidate beside an explanation, from where its first step led."""
+    if t.gate and t.gate.instant is not None:
+        return _with_change_point(now, t)
+    return joint_fit_if_finite(begun.model, begun.accepted) if begun else _with(now, t)
+
+
+def _with(now: JointFit, t: Candidate, rounds: int = 10) -> JointFit | None:
     """Fit a candidate beside an explanation; None if its simulation diverges."""
     model, name = now.model, t.effect.name
     gates = {n: g for n, g in model.gates.items() if n in model.effects}
@@ -226,7 +251,7 @@ def _with(now: JointFit, t: Candidate) -> JointFit | None:
         gates[name] = t.gate
     library = {**model.library, name: BIAS} if kind_of(name) == BIAS.name else model.library
     model = replace(model, gates=gates, library=library, discrepancy_scales=t.scales)
-    return joint_fit_if_finite(model, [*now.accepted, t.effect], t.nuisances)
+    return joint_fit_if_finite(model, [*now.accepted, t.effect], t.nuisances, rounds)
 
 
 def _with_change_point(now: JointFit, t: Candidate) -> JointFit | None:
@@ -316,6 +341,19 @@ def _with_refitted_noise(best: Explanation) -> Explanation:
     return weigh(fit, best.ways)
 
 
+def _completed(now: Explanation) -> Explanation:
+    """Free numbers of the newest effect that were left where they do nothing, each worth it."""
+    *others, newest = now.fit.accepted
+    found = left_out(now.fit.model, newest.name, newest.theta, newest.free)
+    screened = now.fit.comparison().screen(found) if found else []
+    if not screened or screened[0].evidence < WORTHWHILE + np.log(len(found)):
+        return now
+    free = np.union1d(newest.free, screened[0].effect.free)
+    fit = joint_fit_if_finite(now.fit.model, [*others, newest._replace(free=free)])
+    other = fit and weigh(fit, now.ways)
+    return _completed(other) if other and other.evidence > now.evidence + WORTHWHILE else now
+
+
 def _likeliest(pool: Sequence[Explanation]) -> list[Explanation]:
     """Keep each set of effects once, the likeliest first."""
     out: dict[frozenset[str], Explanation] = {}
@@ -356,7 +394,7 @@ def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
             alternatives = {name: _instead(chosen, children, name) for name in chosen.names}
         if not likely:
             break
-        best = _with_refitted_noise(chosen)
+        best = _completed(_with_refitted_noise(chosen))
     return Posterior(best.fit.model, tuple(best.fit.accepted), tuple(best.fit.jacobians),
                      features, alternatives, best.fit.comparison().discrepancy_evidence,
                      {name: instant_of(best.fit, name) for name in best.names
