@@ -256,15 +256,18 @@ def _transposed(columns: list[list[Column]]) -> tuple[list[Column], ...]:
 
 def left_out(model: LinearisedModel, name: str, theta: Array, free: NDArray[np.intp]
              ) -> list[Hypothesis]:
-    """List each number of an effect that is not estimated as a hypothesis, about its values."""
+    """List each number of an effect that is not estimated, as a hypothesis beside the others."""
+    if not len(theta):
+        return []  # it lifts the prior of nuisances
     effect, out = model.library[name], []
-    for i in (i for i, q in enumerate(effect.parameters)
-              if len(theta) and not q.shapes and i not in free):
+    for i, q in enumerate(effect.parameters):
+        if q.shapes or i in free:
+            continue
         jacobian, start = effect_jacobian(model, name, theta, np.array([i])), theta.copy()
         start[i] = nominal_of(effect)[i] + jacobian.units[0]
-        atom = Atom(start, jacobian.free, jacobian.columns)
-        if any(one for columns in atom.columns for one in columns):
-            out.append(Hypothesis(f'{name}.{i}', effect, (), (atom,)))
+        if any(one[0] for one in jacobian.columns):
+            out.append(Hypothesis(f'{name}.{i}', effect, (), (
+                Atom(start, jacobian.free, jacobian.columns),)))
     return out
 
 

@@ -356,10 +356,12 @@ def joint_fit(model: LinearisedModel, accepted: Sequence[Accepted], step: Array 
             tried = _stepped(out, now, jacobians, comparison, fraction)
             gained = tried[0].log_posterior() - before if tried else -np.inf
             for _ in range(further):
-                # along a valley that bends a step leaves it: further ones lead back
-                ran = tried and gained < -SETTLED and released and tried[0].settle()
-                if not tried or gained > -SETTLED or not (ran or further > 1):
+                if not tried or gained > -SETTLED:
                     break
+                ran = released and tried[0].settle()
+                if further == 1 and not ran:
+                    break
+                # along a valley that bends a step leaves it: further ones lead back
                 there = _jacobians(*tried)
                 tried = _stepped(*tried, there, ModelComparison(tried[0], there), 1.0)
                 gained = tried[0].log_posterior() - before if tried else -np.inf

@@ -225,15 +225,20 @@ def _by_first_step(parent: Explanation, likely: Sequence[Candidate]
     Choose candidates to fit: beside nothing, by the first step of the fit where many are likely.
 
     Of what depends on products of its parameters, as a cable's torque does on its pull and its
-    point, the columns show little: they were taken where it is small. What begins or ends keeps
-    its place by the columns.
+    point, the columns show little: they were taken where it is small. What acts for a part of the
+    time keeps its place by the columns.
     """
     if parent.names or len(likely) <= REFINED:
         return [(t, None) for t in likely[:REFINED]]
-    begun = [(t, None if t.gate else _with(parent.fit, t, 1)) for t in likely[:2 * REFINED]]
-    gains = [weigh(fit).evidence - parent.evidence - float(np.log(t.ways)) if fit else t.evidence
-             for t, fit in begun]
-    return [begun[i] for i in np.argsort(gains)[:-REFINED - 1:-1]]
+    begun: list[tuple[float, Candidate, JointFit | None]] = []
+    for t in likely[:2 * REFINED]:
+        fit = None if t.gate else _with(parent.fit, t, 1)
+        if fit:
+            gained = weigh(fit).evidence - parent.evidence - float(np.log(t.ways))
+            begun.append((gained, t, fit))
+        elif t.gate:
+            begun.append((t.evidence, t, None))
+    return [(t, fit) for _, t, fit in sorted(begun, key=lambda one: -one[0])[:REFINED]]
 
 
 def _continued(now: JointFit, t: Candidate, begun: JointFit | None) -> JointFit | None:
@@ -342,7 +347,7 @@ def _with_refitted_noise(best: Explanation) -> Explanation:
 
 
 def _completed(now: Explanation) -> Explanation:
-    """Free numbers of the newest effect that were left where they do nothing, each worth it."""
+    """Estimate numbers of the newest effect, too, that were left where they do nothing."""
     *others, newest = now.fit.accepted
     found = left_out(now.fit.model, newest.name, newest.theta, newest.free)
     screened = now.fit.comparison().screen(found) if found else []

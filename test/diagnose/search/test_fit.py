@@ -44,10 +44,8 @@ def test_a_number_that_was_left_out_is_estimated_where_the_fit_has_come_to(model
     completed = posterior._completed(found)
     cable, = completed.fit.accepted
     assert completed.evidence > found.evidence + 1000.0
-    assert cable.theta == pytest.approx(list(CABLE.values()), abs=4.0 * cable.std.max())
-    assert np.abs(cable.theta - list(CABLE.values()))[:4] == pytest.approx(0.0, abs=0.5)
-    again = posterior._completed(completed)
-    assert again is completed
+    assert (np.abs(cable.theta - list(CABLE.values())) < 4.0 * cable.std).all()
+    assert posterior._completed(completed) is completed
 
 
 def test_effects_are_chosen_by_the_first_step_of_their_fits(monkeypatch):
@@ -55,7 +53,9 @@ def test_effects_are_chosen_by_the_first_step_of_their_fits(monkeypatch):
     n = 2 * posterior.REFINED
     likely = [candidate(f'effect {k}', 1000.0 - k, None) for k in range(n + 1)]
     likely[2] = candidate('step', 75.0, 'gate')
-    monkeypatch.setattr(posterior, '_with', lambda now, t, rounds: t.effect.name)
+    likely[3] = candidate('diverges', 2000.0, None)
+    monkeypatch.setattr(posterior, '_with', lambda now, t, rounds: (
+        None if t.effect.name == 'diverges' else t.effect.name))
     monkeypatch.setattr(posterior, 'weigh', lambda fit: Explanation(
         fit, 500.0 + 10.0 * int(fit.split()[1]), 0.0))
     nothing = Explanation(type('Fit', (), {'accepted': []}), 500.0, 0.0)
