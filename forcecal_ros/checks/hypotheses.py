@@ -41,6 +41,7 @@ from forcecal_ros.core.estimation import robust_fit
 from forcecal_ros.core.geometry import (
     Array,
     matrix_from_quaternion,
+    one_sign,
     quaternion_from_matrix,
     rotation_from_vector,
     skew,
@@ -549,8 +550,7 @@ def _inverted(motion: Motion) -> Motion:
 
 
 def _from_w(motion: Motion) -> Motion:
-    q = quaternion_from_matrix(motion.R)
-    q *= np.cumprod(np.append(1.0, np.where((q[1:] * q[:-1]).sum(axis=1) < 0, -1, 1)))[:, None]
+    q = one_sign(quaternion_from_matrix(motion.R))
     return motion.along(R=matrix_from_quaternion(q[:, [1, 2, 3, 0]]))
 
 

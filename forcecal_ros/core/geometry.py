@@ -105,6 +105,22 @@ def quaternion_from_matrix(rotation: ArrayLike) -> Array:
     return np.asarray(Rotation.from_matrix(np.array(rotation, dtype=float)).as_quat())
 
 
+def one_sign(xyzw: Array) -> Array:
+    """
+    Choose the sign of each quaternion so that it follows on the one before.
+
+    Parameters
+    ----------
+    xyzw : ndarray, shape (n, 4)
+
+    Returns
+    -------
+    ndarray, shape (n, 4)
+    """
+    turned = np.einsum('ni,ni->n', xyzw[1:], xyzw[:-1]) < 0.0
+    return np.asarray(xyzw * np.cumprod(np.append(1.0, 1.0 - 2.0 * turned))[:, np.newaxis])
+
+
 def quaternion_of(rotation: Array) -> tuple[float, float, float, float]:
     """
     Return the xyzw quaternion of one exact rotation matrix, in plain floats for fast streams.
@@ -149,7 +165,16 @@ def rotation_vector(rotation: ArrayLike) -> Array:
     ndarray, shape (..., 3)
         [rad], of norm at most pi.
     """
-    return np.asarray(Rotation.from_matrix(np.array(rotation, dtype=float)).as_rotvec())
+    R = np.array(rotation, dtype=float)
+    sine = 0.5 * np.stack([R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0],
+                           R[..., 1, 0] - R[..., 0, 1]], axis=-1)
+    size, cosine = np.linalg.norm(sine, axis=-1), 0.5 * (np.trace(R, axis1=-2, axis2=-1) - 1.0)
+    angle = np.arctan2(size, cosine)
+    out = sine * np.where(size > 0.0, angle / np.where(size > 0.0, size, 1.0), 1.0)[..., np.newaxis]
+    far = cosine < 0.0  # about half a turn the sine tells little of the axis
+    if far.any():
+        out[far] = Rotation.from_matrix(R[far]).as_rotvec()
+    return np.asarray(out)
 
 
 def rotation_from_vector(vector: ArrayLike) -> Array:

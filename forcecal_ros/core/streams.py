@@ -11,7 +11,12 @@ from operator import itemgetter
 from typing import TYPE_CHECKING
 
 from forcecal_ros.core.errors import DataError
-from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.geometry import (
+    Array,
+    matrix_from_quaternion,
+    one_sign,
+    quaternion_from_matrix,
+)
 from forcecal_ros.core.schema import Vector7
 import numpy as np
 from numpy.typing import NDArray
@@ -208,12 +213,12 @@ class PoseStream(Samples):
             Without positions where not every position is known.
         """
         from scipy.interpolate import CubicSpline  # takes a second, which a node starts without
-        from scipy.spatial.transform import Rotation, RotationSpline
 
-        turns = RotationSpline(self.t, Rotation.from_matrix(np.array(self.R_base_sensor)))
+        turns = one_sign(quaternion_from_matrix(self.R_base_sensor))
         position = (CubicSpline(self.t, self.position)(t) if self.has_position
                     else np.full((len(t), 3), np.nan))
-        return replace(self, t=t, position=position, R_base_sensor=turns(t).as_matrix())
+        return replace(self, t=t, position=position,
+                       R_base_sensor=matrix_from_quaternion(CubicSpline(self.t, turns)(t)))
 
 
 @dataclass(frozen=True)

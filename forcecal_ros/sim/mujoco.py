@@ -190,14 +190,13 @@ class MujocoRobot:
             controller.hold(data)
             mujoco.mj_step(model, data)
         # time between samples, at least [s]: the wrench is compared up to far below 250 Hz
+        sensors = _Sensors(model)
         rows, places, every = [], [], parts * max(1, round(0.002 / (parts * step)))
         for k in range(len(t)):
             controller.tell(data, k)
-            before = _State.of(model, data)
             if k % every == 0:
                 places.append(data.qpos.copy())
-            mujoco.mj_step(model, data)
-            rows.append(_sensed(model, data, before))
+            rows.append(sensors.step(data))
             if look:
                 look(data)
         joints = self._joints(inputs.measured_joints, np.array(places))
@@ -263,41 +262,35 @@ class _Seen(NamedTuple):
             one.look(data)
 
 
-class _State(NamedTuple):
-    """State of a simulation: all that the next step depends on, and velocities [rad/s], [m/s]."""
-
-    values: Array
-    velocity: Array
-
-    @staticmethod
-    def of(model: Any, data: Any) -> '_State':
-        """Return the present one."""
-        kind = mujoco.mjtState.mjSTATE_INTEGRATION
-        values = np.empty(mujoco.mj_stateSize(model, kind))
-        mujoco.mj_getState(model, data, values, kind)
-        return _State(values, data.qvel.copy())
-
-    def restore(self, model: Any, data: Any) -> None:
-        """Go back to it."""
-        mujoco.mj_setState(model, data, self.values, mujoco.mjtState.mjSTATE_INTEGRATION)
-
-
-def _sensed(model: Any, data: Any, before: _State) -> Array:
+class _Sensors:
     """
-    Return what sensors show of the state before a step, and of the motion in that step.
+    What sensors show of the state before a step, and of the motion in that step.
 
     MuJoCo's own force sensor and accelerometer show the acceleration at the step's begin, before
     dampings that are integrated implicitly act: many times that of the motion, with stiff drives.
     """
-    after = _State.of(model, data)
-    before.restore(model, data)
-    if int(model.opt.integrator) == int(mujoco.mjtIntegrator.mjINT_RK4):
-        mujoco.mj_forward(model, data)  # whose places are those of a part of the step
-    data.qacc[:] = (after.velocity - before.velocity) / model.opt.timestep
-    mujoco.mj_rnePostConstraint(model, data)
-    mujoco.mj_sensorAcc(model, data)
-    after.restore(model, data)
-    return np.array(data.sensordata)
+
+    def __init__(self, model: Any) -> None:
+        self._model = model
+        # of four stages, after which places are not those of the step's begin
+        self._in_stages = int(model.opt.integrator) == int(mujoco.mjtIntegrator.mjINT_RK4)
+        self._before = mujoco.MjData(model)
+
+    def step(self, data: Any) -> Array:
+        """Go a step on, and return what the model's sensors show."""
+        model, before = self._model, data.qvel.copy()
+        shown = self._before if self._in_stages else data
+        if self._in_stages:
+            mujoco.mj_copyData(shown, model, data)
+        mujoco.mj_step(model, data)
+        if self._in_stages:
+            mujoco.mj_forward(model, shown)
+        after = data.qvel.copy()
+        shown.qvel[:], shown.qacc[:] = before, (after - before) / model.opt.timestep
+        mujoco.mj_rnePostConstraint(model, shown)
+        mujoco.mj_sensorAcc(model, shown)
+        shown.qvel[:] = after
+        return np.array(shown.sensordata)
 
 
 SENSOR_PREFIX = 'forcecal_'
