@@ -31,7 +31,7 @@ from forcecal_ros.sim.signals import (
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
 
 def merge_poses(measured: PoseStream, simulated: PoseStream) -> PoseStream:
@@ -84,8 +84,7 @@ def express_in_base(measured: PoseStream, simulated: PoseStream) -> PoseStream:
     start, end = (f(measured.t[i], simulated.t[i]) for f, i in ((max, 0), (min, -1)))
     # instants at which two motions are compared
     t = np.linspace(start, end, 500)
-    R, S = (Slerp(p.t, Rotation.from_matrix(np.array(p.R_base_sensor)))(t)
-            for p in (measured, simulated))
+    R, S = (Rotation.from_matrix(p.at(t).R_base_sensor) for p in (measured, simulated))
     sensor, in_sensor = _mean_rotation(S.inv() * R)
     base, in_base = _mean_rotation(R * S.inv())
     # angle beyond which frames are others [rad]: no arm is always that far from its simulation

@@ -190,13 +190,13 @@ class MujocoRobot:
             controller.hold(data)
             mujoco.mj_step(model, data)
         # time between samples, at least [s]: the wrench is compared up to far below 250 Hz
-        sensors = _Sensors(model)
+        sensors = _Sensors(model, data)
         rows, places, every = [], [], parts * max(1, round(0.002 / (parts * step)))
         for k in range(len(t)):
             controller.tell(data, k)
             if k % every == 0:
                 places.append(data.qpos.copy())
-            rows.append(sensors.step(data))
+            rows.append(sensors.step())
             if look:
                 look(data)
         joints = self._joints(inputs.measured_joints, np.array(places))
@@ -270,23 +270,23 @@ class _Sensors:
     dampings that are integrated implicitly act: many times that of the motion, with stiff drives.
     """
 
-    def __init__(self, model: Any) -> None:
-        self._model = model
+    def __init__(self, model: Any, data: Any) -> None:
+        self._model, self._data, self._step = model, data, float(model.opt.timestep)
         # of four stages, after which places are not those of the step's begin
         self._in_stages = int(model.opt.integrator) == int(mujoco.mjtIntegrator.mjINT_RK4)
-        self._before = mujoco.MjData(model)
+        self._shown = mujoco.MjData(model) if self._in_stages else data
+        self._velocity = data.qvel
 
-    def step(self, data: Any) -> Array:
+    def step(self) -> Array:
         """Go a step on, and return what the model's sensors show."""
-        model, before = self._model, data.qvel.copy()
-        shown = self._before if self._in_stages else data
+        model, shown, before = self._model, self._shown, self._velocity.copy()
         if self._in_stages:
-            mujoco.mj_copyData(shown, model, data)
-        mujoco.mj_step(model, data)
+            mujoco.mj_copyData(shown, model, self._data)
+        mujoco.mj_step(model, self._data)
         if self._in_stages:
             mujoco.mj_forward(model, shown)
-        after = data.qvel.copy()
-        shown.qvel[:], shown.qacc[:] = before, (after - before) / model.opt.timestep
+        after = self._velocity.copy()
+        shown.qvel[:], shown.qacc[:] = before, (after - before) / self._step
         mujoco.mj_rnePostConstraint(model, shown)
         mujoco.mj_sensorAcc(model, shown)
         shown.qvel[:] = after

@@ -433,11 +433,11 @@ class Rerun:
         return tuple(n for n in found if n.prior_std or getattr(rig.spreads, n.key) > 0.0)
 
     def tangent(self, rig: Rig, nuisance: str = '') -> Hashable:
-        """Return where a parameter was tried, or all, and the effects that act beside them."""
+        """Return where a parameter was tried, or all were."""
         assert isinstance(rig, SimulatedRobot)
         near = self.runs.near(rig.numbers)
         tried = dict(zip((p.name for p in self.runs.simulator.parameters), self.runs.tried[near]))
-        return tried.get(nuisance) or self.runs.whole(rig.numbers), rig.effects
+        return tried.get(nuisance) or self.runs.whole(rig.numbers)
 
     def clear(self, signals: Signals) -> Signals:
         """Return signals without noise: these have none."""

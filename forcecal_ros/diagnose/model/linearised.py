@@ -129,6 +129,7 @@ class LinearisedModel:
     earlier: Earlier = FIRST_RECORDING
     _calibrated: tuple[bytes, Rig] | None = None
     _straight: dict[Hashable, Column] = field(default_factory=dict)
+    _about: list[list[Hashable]] = field(default_factory=list)
 
     def current(self, effects: Values | None = None) -> Rig:
         """Return the rig at the centre, with the accepted effects or with others."""
@@ -250,20 +251,25 @@ class LinearisedModel:
         names : frozenset of str, optional
             Take anew the columns of these alone, as far as they are simulated. Where signals are
             linear about points that were tried, another point may be the nearest now: those of
-            all that are simulated.
+            all of which that is so.
         """
         rig = self.current(self._always(self.effects))
-        bent = bool(names) and self.datasets[0].simulation.tangent(rig) is not None
-        chosen = [j for j, n in enumerate(self.nuisances) if names is None or (
-            n.acts_on == 'rig' and (bent or n.name in names))]
+        n = len(self.nuisances)
         self.jacobian = [list(columns) for columns in self.jacobian] or [
             [{} for _ in self.nuisances] for _ in self.datasets]
-        for i, c in enumerate(self.datasets if chosen else ()):
+        self._about = [list(points) for points in self._about] or [[None] * n
+                                                                   for _ in self.datasets]
+        for i, c in enumerate(self.datasets if names or names is None else ()):
+            about = [c.simulation.tangent(rig, one.name) if one.acts_on == 'rig' else None
+                     for one in self.nuisances]
+            chosen = [j for j, one in enumerate(self.nuisances) if names is None or (
+                one.acts_on == 'rig' and (one.name in names or about[j] != self._about[i][j]))]
             s = c.simulation.signals(rig)
             b = c.measured.residual(s)
             for j in chosen:
                 self.jacobian[i][j] = self._column(i, self.nuisances[j], self.prior_std[j], rig,
                                                    s, b)
+                self._about[i][j] = about[j]
         self.evaluate()
 
     def _column(self, dataset: int, nuisance: Nuisance, size: float, rig: Rig, base: Signals,
@@ -272,7 +278,7 @@ class LinearisedModel:
         one = self.datasets[dataset]
         tangent = (one.simulation.tangent(rig, nuisance.name) if nuisance.acts_on == 'rig'
                    else None)
-        key = dataset, nuisance.name, tangent
+        key = dataset, nuisance.name, tangent, rig.effects
         found = None if tangent is None else self._straight.get(key)
         if found is None:
             found = nuisance_column(one, nuisance, size, rig, base, residual, self.level)
