@@ -170,7 +170,8 @@ def rotation_vector(rotation: ArrayLike) -> Array:
                            R[..., 1, 0] - R[..., 0, 1]], axis=-1)
     size, cosine = np.linalg.norm(sine, axis=-1), 0.5 * (np.trace(R, axis1=-2, axis2=-1) - 1.0)
     angle = np.arctan2(size, cosine)
-    out = sine * np.where(size > 0.0, angle / np.where(size > 0.0, size, 1.0), 1.0)[..., np.newaxis]
+    ratio = np.where(size > 0.0, angle / np.where(size > 0.0, size, 1.0), 1.0)
+    out = sine * ratio[..., np.newaxis]
     far = cosine < 0.0  # about half a turn the sine tells little of the axis
     if far.any():
         out[far] = Rotation.from_matrix(R[far]).as_rotvec()

@@ -182,7 +182,7 @@ class MeasuredMotion:
     def tangent(self, rig: Rig, nuisance: str = '') -> None:
         """Say that its signals are straight about no point."""
 
-    def settle(self, rig: Rig) -> bool:
+    def settle(self, rig: Rig, *, whole: bool = False) -> bool:
         """Return that signals are exact as they are."""
         return False
 

@@ -2,8 +2,8 @@
 A simulator that can be run again, as what a diagnosis changes and compares a recording with.
 
 Running it is expensive. So its streams are linear in the parameters about the nearest point where
-they were tried, one after the other; where it was run itself, its own answer is used. Where a fit
-settles it is run, parameters that went far are tried again, and the fit goes on about that point.
+it was run, each along the line of the point nearest to that where it was tried. Where a fit
+settles it is run, and parameters that went far are tried again; about what is likeliest all are.
 A diagnosis runs it a limited number of times.
 """
 
@@ -64,18 +64,20 @@ class Runs:
     ----------
     count : int
         How often it was run.
-    changes : dict
-        Point that was tried -> what one sigma of each parameter does there.
-    tried : dict
-        The same point -> where each parameter was tried.
+    short : bool
+        Whether it had been run too often for all to be tried about what was found.
+    points : list
+        Where it was run and signals are exact: all parameters were tried there, or a fit settled.
     """
 
     def __init__(self, simulator: ThirdParty, inputs: Inputs, measured: PoseStream) -> None:
-        self.simulator, self.count = simulator, 0
+        self.simulator, self.count, self.short = simulator, 0, False
         self._inputs, self._measured = inputs, measured
         self._exact: dict[Numbers, Recording] = {}
-        self.changes: dict[Numbers, list[Change]] = {}
-        self.tried: dict[Numbers, tuple[Numbers, ...]] = {}
+        self.points: list[Numbers] = []
+        self._whole: list[Numbers] = []  # where all parameters were tried
+        # what one sigma of each parameter does, by where it was tried
+        self._lines: list[dict[Numbers, Change]] = [{} for _ in simulator.parameters]
         self._halved: dict[Numbers, Recording] = {}
         self._finer: dict[Numbers, Change] = {}
 
@@ -108,9 +110,11 @@ class Runs:
 
     def try_all(self, numbers: Numbers) -> None:
         """See what each parameter does at a point: one run for each, and one for the point."""
-        here, n = self.exact(numbers), len(self.simulator.parameters)
-        self.changes[numbers] = [self._try(here, numbers, i) for i in range(n)]
-        self.tried[numbers] = (numbers,) * n
+        here = self.exact(numbers)
+        for i, lines in enumerate(self._lines):
+            lines[numbers] = self._try(here, numbers, i)
+        self.points.append(numbers)
+        self._whole.append(numbers)
         if self.simulator.has_finer:
             self._finer[numbers] = _change(*_of_one_length(here, self.halved(numbers)), 1.0)
 
@@ -132,40 +136,61 @@ class Runs:
         there = self._counted(self.simulator.run(self._inputs, moved))
         return _change(here, there, self.simulator.parameters[i].sigma / step)
 
-    def settle(self, numbers: Numbers) -> bool:
+    def settle(self, numbers: Numbers, *, whole: bool = False) -> bool:
         """
         Run it where a fit settles, unless that was done, or it was run too often.
 
         Parameters that are far from where they were tried are tried anew; the lines of the others
         are those of the nearest point.
 
+        Parameters
+        ----------
+        numbers : tuple of float
+        whole : bool
+            If any is far from the nearest point at which all were tried, try all.
+
         Returns
         -------
         bool
             Whether it was run.
         """
-        if numbers in self.changes or self.count >= MAX_RUNS:
+        if whole:
+            if np.abs(self._away(self.whole(numbers), numbers)).max(initial=0.0) <= BENT:
+                return False
+            self.short = self.count + len(numbers) + EXTRA_RUNS > MAX_RUNS
+            if not self.short:
+                self.try_all(numbers)
+            return not self.short
+        if numbers in self.points or self.count >= MAX_RUNS:
             return False
-        near = self.near(numbers)
-        here, changes, tried = self.exact(numbers), [*self.changes[near]], [*self.tried[near]]
-        for i, at in enumerate(tried):
-            if abs(self._away(at, numbers)[i]) > BENT:
-                changes[i], tried[i] = self._try(here, numbers, i), numbers
-        self.changes[numbers], self.tried[numbers] = changes, tuple(tried)
-        if near in self._finer:
-            self._finer[numbers] = self._finer[near]
-        settled = [one for one in self.changes if not self._is_whole(one)]
+        here = self.exact(numbers)
+        self.points.append(numbers)
+        for i, lines in enumerate(self._lines):
+            if abs(self._away(self.tried(numbers, i), numbers)[i]) > BENT:
+                lines[numbers] = self._try(here, numbers, i)
+        settled = [one for one in self.points if one not in self._whole]
         for old in settled[:-KEPT]:
-            del self.changes[old], self.tried[old], self._exact[old]
-            self._finer.pop(old, None)
+            self.points.remove(old)
+            del self._exact[old]
+        for i, lines in enumerate(self._lines):
+            for old in lines.keys() - {self.tried(one, i) for one in self.points}:
+                del lines[old]
         return True
 
     def at(self, numbers: Numbers) -> Recording:
         """Return its result with other parameters, as far as it is linear about a point."""
-        if numbers in self._exact or not self.changes:
+        if numbers in self._exact or not self.points:
             return self.exact(numbers)
         near = self.near(numbers)
-        return _moved(self._exact[near], self.changes[near], self._away(near, numbers))
+        return _moved(self._exact[near], self.changes(near), self._away(near, numbers))
+
+    def changes(self, point: Numbers) -> list[Change]:
+        """Return what one sigma of each parameter does at a point, as far as that is known."""
+        return [lines[self.tried(point, i)] for i, lines in enumerate(self._lines)]
+
+    def tried(self, point: Numbers, i: int) -> Numbers:
+        """Return where a parameter was tried that is nearest to a point."""
+        return self._nearest(self._lines[i], point)
 
     def _away(self, one: Numbers, other: Numbers) -> Array:
         return (np.array(other) - one) / [p.sigma for p in self.simulator.parameters]
@@ -173,23 +198,21 @@ class Runs:
     def _nearest(self, points: Iterable[Numbers], numbers: Numbers) -> Numbers:
         return min(points, key=lambda one: float(np.linalg.norm(self._away(one, numbers))))
 
-    def _is_whole(self, point: Numbers) -> bool:
-        return all(at == point for at in self.tried[point])
-
     def integrated(self, numbers: Numbers, finer: float) -> Recording:
         """Return its result if its step made so many times what half of it does."""
         made = self.at(numbers)
         if not self._finer or not finer:
             return made
-        return _moved(made, [self._finer[self.near(numbers)]], np.array([finer]))
+        near = self._nearest(self._finer, self.near(numbers))
+        return _moved(made, [self._finer[near]], np.array([finer]))
 
     def near(self, numbers: Numbers) -> Numbers:
-        """Return the nearest point at which parameters were tried, or a fit settled."""
-        return self._nearest(self.changes, numbers)
+        """Return the nearest point at which it was run."""
+        return self._nearest(self.points, numbers)
 
     def whole(self, numbers: Numbers) -> Numbers:
         """Return the nearest point at which all parameters were tried."""
-        return self._nearest(filter(self._is_whole, self.changes), numbers)
+        return self._nearest(self._whole, numbers)
 
 
 def _arrays(made: Recording) -> list[Array]:
@@ -252,8 +275,8 @@ holds a recording, and one for every parameter that went far.
 
 MAX_RUNS = 200
 """
-Runs of a simulator in one diagnosis: two recordings with 30 parameters that are tried twice take
-129, and each fit that settles some more. A simulator of a second a run then takes three minutes.
+Runs of a simulator on one recording: 30 parameters that are tried three times take 95, and fits
+that settle as many. A simulator of a second a run then takes three minutes.
 """
 
 EXTRA_RUNS = 3
@@ -284,12 +307,11 @@ def refuse_too_many(simulator: ThirdParty, recordings: int) -> None:
             f'parameters() return only the {most} that are least certain{alone}')
 
 
-def runs_short(simulator: ThirdParty, runs: Sequence[Runs]) -> str:
-    """Say so where all parameters cannot be tried once more, else nothing."""
-    done, n = sum(one.count for one in runs), len(simulator.parameters)
-    each = n + EXTRA_RUNS + simulator.has_finer - 1
-    if done + len(runs) * each <= MAX_RUNS:
+def runs_short(runs: Sequence[Runs]) -> str:
+    """Say so where all parameters could not be tried once more, else nothing."""
+    if not any(one.short for one in runs):
         return ''
+    done, n = sum(one.count for one in runs), len(runs[0].simulator.parameters)
     return (f'the simulator was run {done} times, of at most {MAX_RUNS}, so its {n} parameters '
             'were not linearised again at the values found, although it is not linear there: '
             'change it as proposed and diagnose again')
@@ -436,8 +458,9 @@ class Rerun:
         """Return where a parameter was tried, or all were."""
         assert isinstance(rig, SimulatedRobot)
         near = self.runs.near(rig.numbers)
-        tried = dict(zip((p.name for p in self.runs.simulator.parameters), self.runs.tried[near]))
-        return tried.get(nuisance) or self.runs.whole(rig.numbers)
+        names = [p.name for p in self.runs.simulator.parameters]
+        return (self.runs.tried(near, names.index(nuisance)) if nuisance in names
+                else self.runs.whole(near))
 
     def clear(self, signals: Signals) -> Signals:
         """Return signals without noise: these have none."""
@@ -460,10 +483,10 @@ class Rerun:
         force = np.linalg.norm(block_means(changed)[:, :3], axis=1)
         return contact_blocks(block_means(tool.beyond)) & widen_blocks(force > CONTACT_FORCE_N)
 
-    def settle(self, rig: Rig) -> bool:
+    def settle(self, rig: Rig, *, whole: bool = False) -> bool:
         """Run the simulator as a rig has it, unless it was; say whether it was run."""
         assert isinstance(rig, SimulatedRobot)
-        ran = self.runs.settle(rig.numbers)
+        ran = self.runs.settle(rig.numbers, whole=whole)
         if ran:
             self.forget()
         return ran

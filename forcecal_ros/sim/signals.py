@@ -208,8 +208,16 @@ class Simulation(Protocol):
         What these change is then the same as long as that point is; None where they are not.
         """
 
-    def settle(self, rig: Rig) -> bool:
-        """Simulate a rig exactly where signals are predicted; say whether that changed them."""
+    def settle(self, rig: Rig, *, whole: bool = False) -> bool:
+        """
+        Simulate a rig exactly where signals are predicted; say whether that changed them.
+
+        Parameters
+        ----------
+        rig : Rig
+        whole : bool
+            Also try all numbers about there, unless they were tried near enough.
+        """
 
     def clear(self, signals: Signals) -> Signals:
         """Return signals without the noise of measured inputs, which is in the residual, too."""

@@ -173,7 +173,7 @@ def test_of_where_fits_settled_the_last_are_kept():
     runs.try_all((1.0,) * 3)
     for i in range(KEPT + 2):
         runs.settle((1.01 + 0.001 * i, 1.0, 1.0))
-    assert len(runs.changes) == KEPT + 1
+    assert len(runs.points) == KEPT + 1
     assert runs.near((1.0,) * 3) == (1.0,) * 3 and runs.near((1.0101, 1.0, 1.0))[0] > 1.011
 
 
@@ -288,13 +288,27 @@ def test_a_simulator_that_would_be_run_too_often_is_refused(n, recordings, why):
     refuse_too_many(of_parameters(n - 1), recordings)
 
 
-def test_a_second_round_that_would_be_too_many_runs_is_told():
-    runs = Runs(of_parameters(40), INPUTS, commands())
-    for count, said in ((0, False), (116, False), (117, True)):
-        runs.count = count
-        short = runs_short(runs.simulator, [runs, Runs(runs.simulator, INPUTS, commands())])
-        assert bool(short) == said
-    assert 'was run 117 times, of at most 200, so its 40 parameters were not linearised' in short
+def test_lines_are_those_tried_nearest_to_where_it_was_run():
+    simulator = third_party('product', Product())
+    runs = Runs(simulator, INPUTS, simulator.run(INPUTS, (1.0,) * 3).pose)
+    runs.try_all((1.0,) * 3)
+    runs.settle((1.99, 1.0, 1.0))  # b is near where it was tried, so that its line is the old one
+    assert runs.at((1.99, 1.05, 1.0)).wrench.values[0, 0] == pytest.approx(2.99 + 0.05)
+    assert runs.settle((2.0, 1.0, 1.0), whole=True)
+    # another one tries it nearby, and the point of before learns of it
+    assert runs.at((1.99, 1.05, 1.0)).wrench.values[0, 0] == pytest.approx(2.99 + 0.1)
+
+
+def test_all_are_tried_where_one_is_far_while_runs_are_left():
+    simulator = third_party('product', Product())
+    runs = Runs(simulator, INPUTS, simulator.run(INPUTS, (1.0,) * 3).pose)
+    runs.try_all((1.0,) * 3)
+    assert not runs.settle((1.05, 1.0, 1.0), whole=True)
+    assert runs.settle((2.0, 1.0, 1.0), whole=True) and runs.count == 8
+    assert not runs.settle((2.05, 1.0, 1.0), whole=True) and not runs_short([runs])
+    runs.count = MAX_RUNS - 5
+    assert not runs.settle((3.0, 1.0, 1.0), whole=True)
+    assert 'was run 195 times, of at most 200, so its 3 parameters' in runs_short([runs])
 
 
 def test_joints_are_read_in_the_order_of_their_commands(tmp_path):

@@ -85,7 +85,7 @@ def test_a_limit_that_acts_only_lower_down_is_tried_lower_down(arm_xml):
     arm = replace(arm, parameters=tuple(p for p in arm.parameters if p.name == name))
     runs = Runs(arm, INPUTS, arm.run(INPUTS, arm.nominal).pose)
     runs.try_all(arm.nominal)
-    change, = runs.changes[arm.nominal]
+    change, = runs.changes(arm.nominal)
     # by one sigma less it sags, which is said as what one sigma more would lift
     lower = arm.run(INPUTS, (arm.nominal[0] - arm.parameters[0].sigma,)).joints
     here = runs.exact(arm.nominal).joints

@@ -101,6 +101,13 @@ def column(difference: Array, level: Array) -> Column:
             if largest[c] > 1e-7 * level[c]}
 
 
+NEARBY = 1e-3
+"""
+Part of a nuisance's size by which it is changed where signals are linear about points that were
+tried: the nearest of them stays the same.
+"""
+
+
 def nuisance_column(dataset: Dataset, nuisance: Nuisance, size: float, rig: Rig,
                     reference: Signals, residual: Array, level: Array) -> Column:
     """
@@ -120,8 +127,10 @@ def nuisance_column(dataset: Dataset, nuisance: Nuisance, size: float, rig: Rig,
         Of the noise.
     """
     if nuisance.acts_on == 'rig':
-        changed = dataset.simulation.signals(nuisance.apply(rig, size))
-        return column(residual - dataset.measured.residual(changed), level)
+        simulation = dataset.simulation
+        part = 1.0 if simulation.tangent(rig, nuisance.name) is None else NEARBY
+        changed = simulation.signals(nuisance.apply(rig, part * size))
+        return column((residual - dataset.measured.residual(changed)) / part, level)
     channel, change = sensor_change(nuisance, size, rig, dataset.simulation.clear(reference),
                                     dataset.simulation.accelerometer)
     return {channel: Compact.of(dataset.measured.present[:, channel] * change)}

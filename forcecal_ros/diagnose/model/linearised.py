@@ -209,10 +209,17 @@ class LinearisedModel:
         """Simulate at the centre; the Jacobian stays as it is."""
         self.residuals = [self.simulate(self.effects, i) for i in range(len(self.datasets))]
 
-    def settle(self) -> bool:
-        """Simulate exactly here what was predicted; say whether that changed the residual."""
+    def settle(self, *, whole: bool = False) -> bool:
+        """
+        Simulate exactly here what was predicted; say whether that changed the residual.
+
+        Parameters
+        ----------
+        whole : bool
+            Also try all numbers about here, unless they were tried near enough.
+        """
         rig = self.current(self._always(self.effects))
-        ran = [one.simulation.settle(rig) for one in self.datasets]
+        ran = [one.simulation.settle(rig, whole=whole) for one in self.datasets]
         if any(ran):
             self.evaluate()
         return any(ran)

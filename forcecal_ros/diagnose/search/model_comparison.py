@@ -345,32 +345,35 @@ def joint_fit(model: LinearisedModel, accepted: Sequence[Accepted], step: Array 
     m, now, prior = len(model.nuisances), list(accepted), out.prior()
     out.centre = np.clip(out.centre, prior.low, prior.high)  # beside fewer effects, fewer released
     out.linearise(released)
+    if released:
+        out.settle()
     jacobians: list[EffectJacobian] = []
-    further = FURTHER if step is not None else 1
+    further = FURTHER if step is not None else 0
     for _ in range(rounds):  # a resonance that starts an octave off takes 8
         jacobians = _jacobians(out, now)
         comparison = ModelComparison(out, jacobians)
         out.discrepancy_scales = comparison.scales
-        before, gained = out.log_posterior(comparison.every.square), -np.inf
+        before, gained, old = out.log_posterior(comparison.every.square), -np.inf, (out, now)
         for fraction in FRACTIONS:
             tried = _stepped(out, now, jacobians, comparison, fraction)
             gained = tried[0].log_posterior() - before if tried else -np.inf
             for _ in range(further):
                 if not tried or gained > -SETTLED:
                     break
-                ran = released and tried[0].settle()
-                if further == 1 and not ran:
-                    break
                 # along a valley that bends a step leaves it: further ones lead back
+                if released:
+                    tried[0].settle()
                 there = _jacobians(*tried)
                 tried = _stepped(*tried, there, ModelComparison(tried[0], there), 1.0)
                 gained = tried[0].log_posterior() - before if tried else -np.inf
-            further = 1
+            further = 0
             if tried and gained > -SETTLED:
                 out, now = tried
                 break
-        settled = released and out.settle()
-        if gained < SETTLED and not settled:
+        if released and out.settle():
+            gained = out.log_posterior() - before
+        if gained < SETTLED:
+            out, now = (out, now) if gained > 0.0 else old
             break
         if out.is_far(comparison.null.x[:m]):
             out.linearise()

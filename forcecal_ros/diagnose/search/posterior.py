@@ -335,6 +335,16 @@ def _all_the_time(now: Explanation) -> Explanation:
     return other if other and other.evidence > now.evidence - WORTH else now
 
 
+def _about_itself(now: Explanation) -> Explanation:
+    """Fit on about where a fit ended, all numbers of a simulator tried there, if that is far."""
+    model = replace(now.fit.model)
+    if not model.settle(whole=True):
+        return now
+    model.linearise()
+    fit = joint_fit_if_finite(model, now.fit.accepted)
+    return _about_itself(weigh(fit, now.ways)) if fit else now
+
+
 def _with_refitted_noise(best: Explanation) -> Explanation:
     """Fit the noise to the residual, and everything beside that noise, linearised there."""
     model = replace(best.fit.model)
@@ -390,6 +400,7 @@ def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
         children = _likeliest(extended(best, table, known))
         if not children:
             break
+        children = _likeliest([_about_itself(children[0]), *children])
         children = _likeliest([*children, *_exchanged(model, children[0], table, known)])
         chosen, own = _chosen(model, children, best)
         likely = chosen.evidence >= best.evidence + WORTH and min(

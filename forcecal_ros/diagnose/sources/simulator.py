@@ -30,7 +30,7 @@ from forcecal_ros.diagnose.recordings import (
     require_axes_of,
     select_joints,
 )
-from forcecal_ros.diagnose.result import Diagnosis, NO_MOTION
+from forcecal_ros.diagnose.result import Diagnosis
 from forcecal_ros.diagnose.sources.simulated_tool import (
     SIMULATE_IT,
     simulated_tool,
@@ -41,7 +41,6 @@ from forcecal_ros.diagnose.sources.source import Ready, RECALIBRATION_SIGMA, Sou
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.sim.protocol import Inputs
 from forcecal_ros.sim.rerun import (
-    EXTRA_RUNS,
     INTEGRATION_STEP,
     MAX_RUNS,
     Numbers,
@@ -56,15 +55,6 @@ from forcecal_ros.sim.rigid_tool import beyond
 from forcecal_ros.sim.signals import BLOCK
 from forcecal_ros.sim.third_party import STREAMS, ThirdParty
 import numpy as np
-
-MAX_ROUNDS = 6
-"""Times that all parameters are tried, at the nominal ones and then at those found."""
-
-MAX_SHIFT_STD = 1.0
-"""
-Standard errors that a number would still move, where the simulator was run as it was found, from
-which all are tried again about there: half of what chance makes of it.
-"""
 
 TIED = 'are nearly confounded in this motion'
 """What a note states of numbers of which the data tell little but a combination."""
@@ -143,7 +133,6 @@ class SimulatorSource(Source):
         self.explained_by = simulator.name
         self.task = f'running {simulator.name} with other parameter values'
         self._recomputed: float | None = None
-        self._short = ''
 
     def prepare(self, recordings: Sequence[Recording]) -> Sequence[Ready]:
         """Run the simulator as it is, and identify its tool."""
@@ -191,40 +180,18 @@ class SimulatorSource(Source):
                           remarks=simulator.remarks(inputs))
 
     def search(self) -> Outcome:
-        """Try all numbers about their nominal values, then about those found, while that helps."""
+        """Try all numbers about their nominal values, and search."""
         self._recomputed = None
         self.ready[0].runs.refuse_unsteady()
         judged = split_datasets([one.dataset for one in self.ready])
-        outcome, point = Outcome(NO_MOTION, self.ready[0].dataset.rig), self.simulator.nominal
-        squares, shifts = np.zeros(3), dict[str, float]()
-        for turn in range(MAX_ROUNDS):
-            self._short = runs_short(self.simulator, [one.runs for one in self.ready])
-            if self._short:
-                break
-            for one in self.ready:
-                one.try_all(point)
-            there = super().search()
-            # a number far off is no straight line, so that a name it has may be seen only there
-            point = _numbers_of(there.closest or there.rig)
-            left, moving = np.zeros(3), dict[str, float]()
-            if self.changes(there):
-                # both by the noise of this round: half the step of integration may differ there
-                before = (self._squares(judged, outcome, there.noise)
-                          if turn and _named(there) == _named(outcome) else np.full(3, np.inf))
-                left = self._squares(judged, there, there.noise)
-                if left[-1] > before[-1]:
-                    break
-                moving = self._remaining_shifts(there)
-            outcome, squares, shifts = there, left, moving
-            # what is unexplained may be what a line about the nominal numbers leaves
-            if max(shifts.values(), default=0.0) < MAX_SHIFT_STD \
-                    and (turn or there.diagnosis.verdict != 'unknown'):
-                break
+        for one in self.ready:
+            one.try_all(self.simulator.nominal)
+        outcome = super().search()
         if self.changes(outcome):
-            self._recomputed = _recomputed(outcome, squares)
-        return _widened(outcome, shifts)
+            self._recomputed = _recomputed(outcome, self._squares(judged, outcome))
+        return outcome
 
-    def _squares(self, judged: Sequence[Dataset], outcome: Outcome, noise: Array | None) -> Array:
+    def _squares(self, judged: Sequence[Dataset], outcome: Outcome) -> Array:
         """
         Run it as it was found, and sum squares on judged blocks, in the noise.
 
@@ -233,7 +200,7 @@ class SimulatorSource(Source):
         ndarray, shape (3,)
             Recalibrated, as predicted and as it is when run.
         """
-        squares = np.zeros(3)
+        squares, noise = np.zeros(3), outcome.noise
         for one, dataset, before, linear in zip(self.ready, judged, outcome.recalibrated,
                                                 outcome.explained):
             assert noise is not None
@@ -244,31 +211,13 @@ class SimulatorSource(Source):
                 squares[i] += float(np.sum((rows / np.where(noise > 0.0, noise, np.inf)) ** 2))
         return squares
 
-    def _remaining_shifts(self, outcome: Outcome) -> dict[str, float]:
-        """
-        Return how far the numbers accepted would still move, the simulator run as it was found.
-
-        Returns
-        -------
-        dict of str to float
-            By their names, in their standard errors.
-        """
-        if outcome.selection is None:
-            return {}
-        line, model = outcome.selection.model, replace(outcome.selection.model)
-        model.evaluate()
-        found = model.fit_nuisances()
-        shift, std = found.x - line.fit_nuisances().x, np.sqrt(np.diag(found.covariance))
-        return {n.name: abs(float(x / s)) for n, x, s in zip(model.nuisances, shift, std)
-                if n.name in model.released and s}
-
     def explain(self, diagnosis: Diagnosis, outcome: Outcome) -> Diagnosis:
         """Add what the user should know of simulator and numbers."""
         effects = tuple(replace(e, parameters=self._in_numbers(e)) for e in diagnosis.effects)
         remarks = tuple(dict.fromkeys(x for one in self.ready for x in one.remarks))
         notes = (*self.simulator.notes, *remarks, *recalibrated_notes(self.simulator, outcome),
                  *dict.fromkeys(note for one in self.ready for note in one.notes),
-                 *filter(None, [self._short]))
+                 *filter(None, [runs_short([one.runs for one in self.ready])]))
         named = replace(diagnosis, joints=(
             tuple(self.ready[0].simulation.joints) if self.ready[0].given.joints else ()))
         reason, limited = diagnosis.reason, limited_parameters(self.simulator, outcome)
@@ -317,17 +266,6 @@ class SimulatorSource(Source):
 
 def _named(outcome: Outcome) -> set[str]:
     return {e.name for e in outcome.diagnosis.effects}
-
-
-def _widened(outcome: Outcome, shifts: Mapping[str, float]) -> Outcome:
-    """Add to the standard errors of numbers how far each would still move, in these errors."""
-    def wider(effect: NamedEffect) -> NamedEffect:
-        factor = float(np.hypot(1.0, shifts.get(effect.name, 0.0)))
-        return replace(effect, parameters={
-            key: replace(p, std=factor * p.std) for key, p in effect.parameters.items()})
-
-    effects = tuple(wider(one) for one in outcome.diagnosis.effects)
-    return replace(outcome, diagnosis=replace(outcome.diagnosis, effects=effects))
 
 
 def limited_parameters(simulator: ThirdParty, outcome: Outcome) -> list[str]:
@@ -438,12 +376,12 @@ class Conformance(NamedTuple):
             {'name': name, **moved} for name, moved in self.sensitivity.items()]}
 
     def __str__(self) -> str:
-        runs = min(MAX_RUNS, MAX_ROUNDS * (len(self.sensitivity) + EXTRA_RUNS))
         return '\n'.join([
             f'{self.name}: meets the protocol, and repeated runs are equal',
             f'simulates {", ".join(self.streams)}',
             f'{self.length:.0f} s of commands take {self.seconds:.2g} s',
-            f'a diagnosis runs it at most {runs} times per recording: {runs * self.seconds:.0f} s',
+            (f'a diagnosis runs it at most {MAX_RUNS} times per recording: '
+             f'{MAX_RUNS * self.seconds:.0f} s'),
             'change by one sigma of a parameter, RMS:',
             *(f'  {name}  {self._moves(moved)}' for name, moved in self.sensitivity.items()),
             *(f'note: {note}' for note in self.notes)])
@@ -492,7 +430,7 @@ def conformance(simulator: ThirdParty, recording: Recording, rig: Rig) -> Confor
         {p.name: {what: _rms(rows) for what, rows in zip(UNITS, (
             c['wrench'][:, :3], c['wrench'][:, 3:], c['position'], c['turn'],
             c.get('joints', np.zeros((1, 1)))))}
-         for p, c in zip(simulator.parameters, runs.changes[simulator.nominal])},
+         for p, c in zip(simulator.parameters, runs.changes(simulator.nominal))},
         (*simulator.notes, *lacking))
 
 
