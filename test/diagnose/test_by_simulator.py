@@ -12,6 +12,8 @@ from forcecal_ros.cli.main import main
 from forcecal_ros.core.errors import ConfigError, DataError
 from forcecal_ros.core.geometry import rotation_from_vector
 from forcecal_ros.core.streams import JointStream, Recording, Stream
+from forcecal_ros.diagnose.dataset import CHANNELS
+from forcecal_ros.diagnose.model.jacobian import nuisance_column
 from forcecal_ros.diagnose.recordings import (
     keep_common_joints,
     missing_joint_notes,
@@ -190,6 +192,38 @@ class Giving:
     def simulate(self, inputs, parameters):
         payload = 1.2 / parameters['give'] ** 2
         return self.robot.simulate(inputs, {'payload': payload, 'lag': parameters['lag']})
+
+
+class Scaled(Giving):
+    """The robot of the page, whose payload is a product of two numbers."""
+
+    def parameters(self):
+        return [Parameter('payload', 1.2, 0.05), Parameter('scale', 1.0, 0.05)]
+
+    def simulate(self, inputs, parameters):
+        return self.robot.simulate(inputs, {
+            'payload': parameters['payload'] * parameters['scale'], 'lag': 0.07})
+
+
+def test_a_column_does_not_change_where_another_point_was_run_beside_it(example):
+    scaled = third_party('scaled', Scaled(example[0].make()))
+    source = SimulatorSource(scaled, TOLERANCES)
+    ready, = source.prepare([measured(scaled, 1.2, 1.0)])
+    ready.try_all(scaled.nominal)
+    dataset, rig = ready.dataset, ready.dataset.rig
+    payload = next(one for one in ready.simulation.nuisances(rig, ('wrench',))
+                   if one.name == 'payload')
+
+    def force():
+        signals = ready.simulation.signals(rig)
+        made = nuisance_column(dataset, payload, 0.05, rig, signals,
+                               dataset.measured.residual(signals), np.ones(len(CHANNELS)))
+        return np.stack([made[c].values() for c in range(3)])
+
+    before = force()
+    assert ready.runs.settle((1.245, 1.045))  # nearer than the nominal numbers to (1.25, 1.0)
+    ready.simulation.forget()
+    np.testing.assert_allclose(force(), before, atol=1e-4 * np.abs(before).max())
 
 
 @pytest.mark.long
