@@ -113,7 +113,7 @@ class Runs:
         here = self.exact(numbers)
         for i, lines in enumerate(self._lines):
             lines[numbers] = self._try(here, numbers, i)
-        self.points.append(numbers)
+        self.points = [*(one for one in self.points if one != numbers), numbers]
         self._whole.append(numbers)
         if self.simulator.has_finer:
             self._finer[numbers] = _change(*_of_one_length(here, self.halved(numbers)), 1.0)
@@ -138,7 +138,7 @@ class Runs:
 
     def settle(self, numbers: Numbers, *, whole: bool = False) -> bool:
         """
-        Run it where a fit settles, unless that was done, or it was run too often.
+        Run it where a fit settles, unless that was done nearby, or it was run too often.
 
         Parameters that are far from where they were tried are tried anew; the lines of the others
         are those of the nearest point.
@@ -161,7 +161,8 @@ class Runs:
             if not self.short:
                 self.try_all(numbers)
             return not self.short
-        if numbers in self.points or self.count >= MAX_RUNS:
+        apart = np.abs(self._away(self.near(numbers), numbers)).max(initial=0.0)
+        if apart < CLOSE or self.count >= MAX_RUNS:
             return False
         here = self.exact(numbers)
         self.points.append(numbers)
@@ -265,6 +266,12 @@ BENT = 1.0
 """
 How far from where it was tried a parameter is tried anew where a fit settles [sigma]: beyond the
 step by which it was tried, that does not show how it bends.
+"""
+
+CLOSE = 0.1
+"""
+How near to where it was run a line is as good as another run [sigma]: it is bent by a hundredth of
+what one sigma is.
 """
 
 KEPT = 12

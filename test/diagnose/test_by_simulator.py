@@ -174,9 +174,16 @@ def test_of_where_fits_settled_the_last_are_kept():
     runs = Runs(simulator, INPUTS, simulator.run(INPUTS, (1.0,) * 3).pose)
     runs.try_all((1.0,) * 3)
     for i in range(KEPT + 2):
-        runs.settle((1.01 + 0.001 * i, 1.0, 1.0))
+        assert runs.settle((1.0, 1.0, 1.02 + 0.02 * i))
     assert len(runs.points) == KEPT + 1
-    assert runs.near((1.0,) * 3) == (1.0,) * 3 and runs.near((1.0101, 1.0, 1.0))[0] > 1.011
+    assert runs.near((1.0,) * 3) == (1.0,) * 3 and runs.near((1.0, 1.0, 1.04))[2] > 1.05
+
+
+def test_as_near_as_a_tenth_of_a_sigma_it_is_not_run_again():
+    simulator = third_party('product', Product())
+    runs = Runs(simulator, INPUTS, simulator.run(INPUTS, (1.0,) * 3).pose)
+    runs.try_all((1.0,) * 3)
+    assert not runs.settle((1.009, 1.0, 0.991)) and runs.settle((1.009, 1.0, 0.989))
 
 
 class Giving:
@@ -326,11 +333,11 @@ def test_lines_are_those_tried_nearest_to_where_it_was_run():
     simulator = third_party('product', Product())
     runs = Runs(simulator, INPUTS, simulator.run(INPUTS, (1.0,) * 3).pose)
     runs.try_all((1.0,) * 3)
-    runs.settle((1.99, 1.0, 1.0))  # b is near where it was tried, so that its line is the old one
-    assert runs.at((1.99, 1.05, 1.0)).wrench.values[0, 0] == pytest.approx(2.99 + 0.05)
+    runs.settle((1.9, 1.0, 1.0))  # b is near where it was tried, so that its line is the old one
+    assert runs.at((1.9, 1.05, 1.0)).wrench.values[0, 0] == pytest.approx(2.9 + 0.05)
     assert runs.settle((2.0, 1.0, 1.0), whole=True)
-    # another one tries it nearby, and the point of before learns of it
-    assert runs.at((1.99, 1.05, 1.0)).wrench.values[0, 0] == pytest.approx(2.99 + 0.1)
+    # all are tried nearby, and the point of before learns of it
+    assert runs.at((1.9, 1.05, 1.0)).wrench.values[0, 0] == pytest.approx(2.9 + 0.1)
 
 
 def test_all_are_tried_where_one_is_far_while_runs_are_left():

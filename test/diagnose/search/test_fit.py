@@ -48,6 +48,16 @@ def test_a_number_that_was_left_out_is_estimated_where_the_fit_has_come_to(model
     assert posterior._completed(completed) is completed
 
 
+@pytest.mark.parametrize('last, step, longer', [
+    ([2.0, 1.0], [1.6, 0.8], 5.0),  # 1 + 0.8 + 0.64 + ... such steps lead where it goes
+    ([2.0, 1.0], [1.999, 1.0], 10.0), ([2.0, 1.0], [0.8, 0.4], None),
+    ([2.0, 1.0], [-1.6, -0.8], None), ([2.0, 1.0], [0.8, -1.6], None),
+    ([0.0, 0.0], [1.6, 0.8], None), ([2.0, 1.0], [0.0, 0.0], None)])
+def test_steps_that_repeat_are_made_at_once(last, step, longer):
+    found = model_comparison._longer(np.array(last), np.array(step))
+    assert found == (() if longer is None else pytest.approx((longer,)))
+
+
 def test_effects_are_chosen_by_the_first_step_of_their_fits(monkeypatch):
     """Of more than are fitted, the last by its columns is the best where they are taken anew."""
     n = 2 * posterior.REFINED
