@@ -377,7 +377,7 @@ def joint_fit(model: LinearisedModel, accepted: Sequence[Accepted], step: Array 
                 gained = tried[0].log_posterior() - before if tried else -np.inf
             further = 0
             last = comparison.null.x if fraction == 1.0 else np.zeros(0)
-            if tried and gained > -SETTLED:
+            if tried and gained > (SETTLED if fraction in longer else -SETTLED):
                 out, now = tried
                 break
         if released and out.settle():
