@@ -7,7 +7,7 @@ from forcecal_ros.checks.signals import Clipping, columns, PAUSE_PERIODS, PAUSE_
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import (
     Array,
-    one_sign,
+    continuous_sign,
     quaternion_from_matrix,
     rotation_about,
 )
@@ -162,7 +162,7 @@ def _standstills(pose: PoseStream, ring_down: float = _RING_DOWN,
     n = len(pose) // step
     if n < 3:
         return []
-    q = one_sign(quaternion_from_matrix(pose.R_base_sensor))
+    q = continuous_sign(quaternion_from_matrix(pose.R_base_sensor))
     ways = [2.0 * q, pose.position] if pose.has_position else [2.0 * q]
     t, *means = (np.reshape(x[:n * step], (n, step, -1)).mean(axis=1) for x in (pose.t, *ways))
     by_chance = [_by_chance(way, step) for way in ways]

@@ -40,8 +40,8 @@ from forcecal_ros.core.errors import above, DataError
 from forcecal_ros.core.estimation import robust_fit
 from forcecal_ros.core.geometry import (
     Array,
+    continuous_sign,
     matrix_from_quaternion,
-    one_sign,
     quaternion_from_matrix,
     rotation_from_vector,
     skew,
@@ -550,7 +550,7 @@ def _inverted(motion: Motion) -> Motion:
 
 
 def _from_w(motion: Motion) -> Motion:
-    q = one_sign(quaternion_from_matrix(motion.R))
+    q = continuous_sign(quaternion_from_matrix(motion.R))
     return motion.along(R=matrix_from_quaternion(q[:, [1, 2, 3, 0]]))
 
 

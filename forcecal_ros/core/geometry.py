@@ -105,7 +105,7 @@ def quaternion_from_matrix(rotation: ArrayLike) -> Array:
     return np.asarray(Rotation.from_matrix(np.array(rotation, dtype=float)).as_quat())
 
 
-def one_sign(xyzw: Array) -> Array:
+def continuous_sign(xyzw: Array) -> Array:
     """
     Choose the sign of each quaternion so that it follows on the one before.
 
@@ -172,7 +172,7 @@ def rotation_vector(rotation: ArrayLike) -> Array:
     angle = np.arctan2(size, cosine)
     ratio = np.where(size > 0.0, angle / np.where(size > 0.0, size, 1.0), 1.0)
     out = sine * ratio[..., np.newaxis]
-    far = cosine < 0.0  # about half a turn the sine tells little of the axis
+    far = cosine < 0.0  # about half a turn the sine shows little of the axis
     if far.any():
         out[far] = Rotation.from_matrix(R[far]).as_rotvec()
     return np.asarray(out)

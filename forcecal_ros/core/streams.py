@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import (
     Array,
+    continuous_sign,
     matrix_from_quaternion,
-    one_sign,
     quaternion_from_matrix,
 )
 from forcecal_ros.core.schema import Vector7
@@ -214,7 +214,7 @@ class PoseStream(Samples):
         """
         from scipy.interpolate import CubicSpline  # takes a second, which a node starts without
 
-        turns = one_sign(quaternion_from_matrix(self.R_base_sensor))
+        turns = continuous_sign(quaternion_from_matrix(self.R_base_sensor))
         position = (CubicSpline(self.t, self.position)(t) if self.has_position
                     else np.full((len(t), 3), np.nan))
         return replace(self, t=t, position=position,

@@ -179,8 +179,8 @@ class MeasuredMotion:
                   for n in of_sensors(self.accelerometer, streams)]
         return tuple(n for n in found if getattr(rig.spreads, n.key) > 0.0)
 
-    def tangent(self, rig: Rig, nuisance: str = '') -> None:
-        """Say that its signals are straight about no point."""
+    def tangent(self, rig: Rig, nuisance: str) -> None:
+        """Return that its signals are linear about no point."""
 
     def settle(self, rig: Rig, *, whole: bool = False) -> bool:
         """Return that signals are exact as they are."""

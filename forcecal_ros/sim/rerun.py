@@ -2,8 +2,9 @@
 A simulator that can be run again, as what a diagnosis changes and compares a recording with.
 
 Running it is expensive. So its streams are linear in the parameters about the nearest point where
-it was run, each along the line of the point nearest to that where it was tried. Where a fit
-settles it is run, and parameters that went far are tried again; about what is likeliest all are.
+it was run; the slope in each parameter is that of the nearest point at which it was changed.
+Where a fit settles it is run, and parameters that went far are changed there; at the likeliest
+explanation all are.
 A diagnosis runs it a limited number of times.
 """
 
@@ -78,6 +79,7 @@ class Runs:
         self._whole: list[Numbers] = []  # where all parameters were tried
         # what one sigma of each parameter does, by where it was tried
         self._lines: list[dict[Numbers, Change]] = [{} for _ in simulator.parameters]
+        self._sigma = np.array([p.sigma for p in simulator.parameters])
         self._halved: dict[Numbers, Recording] = {}
         self._finer: dict[Numbers, Change] = {}
 
@@ -136,31 +138,27 @@ class Runs:
         there = self._counted(self.simulator.run(self._inputs, moved))
         return _change(here, there, self.simulator.parameters[i].sigma / step)
 
-    def settle(self, numbers: Numbers, *, whole: bool = False) -> bool:
+    def try_about(self, numbers: Numbers) -> bool:
+        """Try all about a point that is far from where all were tried; say whether it was run."""
+        if np.abs(self._away(self.whole(numbers), numbers)).max(initial=0.0) <= BENT:
+            return False
+        self.short = self.count + len(numbers) + EXTRA_RUNS > MAX_RUNS
+        if not self.short:
+            self.try_all(numbers)
+        return not self.short
+
+    def settle(self, numbers: Numbers) -> bool:
         """
         Run it where a fit settles, unless that was done nearby, or it was run too often.
 
         Parameters that are far from where they were tried are tried anew; the lines of the others
         are those of the nearest point.
 
-        Parameters
-        ----------
-        numbers : tuple of float
-        whole : bool
-            If any is far from the nearest point at which all were tried, try all.
-
         Returns
         -------
         bool
             Whether it was run.
         """
-        if whole:
-            if np.abs(self._away(self.whole(numbers), numbers)).max(initial=0.0) <= BENT:
-                return False
-            self.short = self.count + len(numbers) + EXTRA_RUNS > MAX_RUNS
-            if not self.short:
-                self.try_all(numbers)
-            return not self.short
         apart = np.abs(self._away(self.near(numbers), numbers)).max(initial=0.0)
         if apart < CLOSE or self.count >= MAX_RUNS:
             return False
@@ -194,7 +192,7 @@ class Runs:
         return self._nearest(self._lines[i], point)
 
     def _away(self, one: Numbers, other: Numbers) -> Array:
-        return (np.array(other) - one) / [p.sigma for p in self.simulator.parameters]
+        return np.asarray((np.array(other) - one) / self._sigma)
 
     def _nearest(self, points: Iterable[Numbers], numbers: Numbers) -> Numbers:
         return min(points, key=lambda one: float(np.linalg.norm(self._away(one, numbers))))
@@ -319,9 +317,9 @@ def runs_short(runs: Sequence[Runs]) -> str:
     if not any(one.short for one in runs):
         return ''
     done, n = sum(one.count for one in runs), len(runs[0].simulator.parameters)
-    return (f'the simulator was run {done} times, of at most {MAX_RUNS}, so its {n} parameters '
-            'were not linearised again at the values found, although it is not linear there: '
-            'change it as proposed and diagnose again')
+    return (f'the simulator was run {done} times, so often that its {n} parameters were not '
+            'linearised again at the values found, although it is not linear there: change it as '
+            'proposed and diagnose again')
 
 
 INTEGRATION_STEP = 'integration.step'
@@ -461,7 +459,7 @@ class Rerun:
         found += of_sensors(self.accelerometer, streams)
         return tuple(n for n in found if n.prior_std or getattr(rig.spreads, n.key) > 0.0)
 
-    def tangent(self, rig: Rig, nuisance: str = '') -> Hashable:
+    def tangent(self, rig: Rig, nuisance: str) -> Hashable:
         """Return where a parameter was tried, or all were."""
         assert isinstance(rig, SimulatedRobot)
         near = self.runs.near(rig.numbers)
@@ -493,7 +491,7 @@ class Rerun:
     def settle(self, rig: Rig, *, whole: bool = False) -> bool:
         """Run the simulator as a rig has it, unless it was; say whether it was run."""
         assert isinstance(rig, SimulatedRobot)
-        ran = self.runs.settle(rig.numbers, whole=whole)
+        ran = (self.runs.try_about if whole else self.runs.settle)(rig.numbers)
         if ran:
             self.forget()
         return ran

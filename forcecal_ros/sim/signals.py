@@ -201,9 +201,9 @@ class Simulation(Protocol):
     def signals(self, rig: Rig) -> Signals:
         """Simulate a rig, with its effects."""
 
-    def tangent(self, rig: Rig, nuisance: str = '') -> Hashable:
+    def tangent(self, rig: Rig, nuisance: str) -> Hashable:
         """
-        Say about which point signals are straight in the nuisances, or in one of them.
+        Return about which point signals are linear in a nuisance.
 
         What these change is then the same as long as that point is; None where they are not.
         """
@@ -216,7 +216,7 @@ class Simulation(Protocol):
         ----------
         rig : Rig
         whole : bool
-            Also try all numbers about there, unless they were tried near enough.
+            Also linearise a simulator in all its numbers there, unless that was done near enough.
         """
 
     def clear(self, signals: Signals) -> Signals:

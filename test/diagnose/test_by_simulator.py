@@ -335,7 +335,7 @@ def test_lines_are_those_tried_nearest_to_where_it_was_run():
     runs.try_all((1.0,) * 3)
     runs.settle((1.9, 1.0, 1.0))  # b is near where it was tried, so that its line is the old one
     assert runs.at((1.9, 1.05, 1.0)).wrench.values[0, 0] == pytest.approx(2.9 + 0.05)
-    assert runs.settle((2.0, 1.0, 1.0), whole=True)
+    assert runs.try_about((2.0, 1.0, 1.0))
     # all are tried nearby, and the point of before learns of it
     assert runs.at((1.9, 1.05, 1.0)).wrench.values[0, 0] == pytest.approx(2.9 + 0.1)
 
@@ -344,12 +344,12 @@ def test_all_are_tried_where_one_is_far_while_runs_are_left():
     simulator = third_party('product', Product())
     runs = Runs(simulator, INPUTS, simulator.run(INPUTS, (1.0,) * 3).pose)
     runs.try_all((1.0,) * 3)
-    assert not runs.settle((1.05, 1.0, 1.0), whole=True)
-    assert runs.settle((2.0, 1.0, 1.0), whole=True) and runs.count == 8
-    assert not runs.settle((2.05, 1.0, 1.0), whole=True) and not runs_short([runs])
+    assert not runs.try_about((1.05, 1.0, 1.0))
+    assert runs.try_about((2.0, 1.0, 1.0)) and runs.count == 8
+    assert not runs.try_about((2.05, 1.0, 1.0)) and not runs_short([runs])
     runs.count = MAX_RUNS - 5
-    assert not runs.settle((3.0, 1.0, 1.0), whole=True)
-    assert 'was run 195 times, of at most 200, so its 3 parameters' in runs_short([runs])
+    assert not runs.try_about((3.0, 1.0, 1.0))
+    assert 'was run 195 times, so often that its 3 parameters' in runs_short([runs])
 
 
 def test_joints_are_read_in_the_order_of_their_commands(tmp_path):

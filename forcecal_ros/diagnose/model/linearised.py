@@ -129,7 +129,7 @@ class LinearisedModel:
     earlier: Earlier = FIRST_RECORDING
     _calibrated: tuple[bytes, Rig] | None = None
     _straight: dict[Hashable, Column] = field(default_factory=dict)
-    _about: list[list[Hashable]] = field(default_factory=list)
+    _tangents: list[list[Hashable]] = field(default_factory=list)  # to which columns belong
 
     def current(self, effects: Values | None = None) -> Rig:
         """Return the rig at the centre, with the accepted effects or with others."""
@@ -216,7 +216,7 @@ class LinearisedModel:
         Parameters
         ----------
         whole : bool
-            Also try all numbers about here, unless they were tried near enough.
+            Also linearise a simulator in all its numbers here, unless that was done near enough.
         """
         rig = self.current(self._always(self.effects))
         ran = [one.simulation.settle(rig, whole=whole) for one in self.datasets]
@@ -261,34 +261,29 @@ class LinearisedModel:
             all of which that is so.
         """
         rig = self.current(self._always(self.effects))
-        n = len(self.nuisances)
         self.jacobian = [list(columns) for columns in self.jacobian] or [
             [{} for _ in self.nuisances] for _ in self.datasets]
-        self._about = [list(points) for points in self._about] or [[None] * n
-                                                                   for _ in self.datasets]
+        self._tangents = [list(one) for one in self._tangents] or [
+            [None for _ in self.nuisances] for _ in self.datasets]
         for i, c in enumerate(self.datasets if names or names is None else ()):
-            about = [c.simulation.tangent(rig, one.name) if one.acts_on == 'rig' else None
-                     for one in self.nuisances]
-            chosen = [j for j, one in enumerate(self.nuisances) if names is None or (
-                one.acts_on == 'rig' and (one.name in names or about[j] != self._about[i][j]))]
             s = c.simulation.signals(rig)
             b = c.measured.residual(s)
-            for j in chosen:
-                self.jacobian[i][j] = self._column(i, self.nuisances[j], self.prior_std[j], rig,
-                                                   s, b)
-                self._about[i][j] = about[j]
+            for j, n in enumerate(self.nuisances):
+                tangent = c.simulation.tangent(rig, n.name) if n.acts_on == 'rig' else None
+                if names is None or (n.acts_on == 'rig' and (
+                        n.name in names or tangent != self._tangents[i][j])):
+                    self.jacobian[i][j] = self._column(i, j, tangent, rig, s, b)
+                    self._tangents[i][j] = tangent
         self.evaluate()
 
-    def _column(self, dataset: int, nuisance: Nuisance, size: float, rig: Rig, base: Signals,
+    def _column(self, dataset: int, j: int, tangent: Hashable, rig: Rig, base: Signals,
                 residual: Array) -> Column:
         """Return the column of a nuisance, the one of before where that holds wherever it is."""
-        one = self.datasets[dataset]
-        tangent = (one.simulation.tangent(rig, nuisance.name) if nuisance.acts_on == 'rig'
-                   else None)
-        key = dataset, nuisance.name, tangent, rig.effects
+        key = dataset, j, tangent, rig.effects
         found = None if tangent is None else self._straight.get(key)
         if found is None:
-            found = nuisance_column(one, nuisance, size, rig, base, residual, self.level)
+            found = nuisance_column(self.datasets[dataset], self.nuisances[j], self.prior_std[j],
+                                    rig, base, residual, self.level)
         if tangent is not None:
             self._straight[key] = found
         return found

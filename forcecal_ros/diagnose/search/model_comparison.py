@@ -52,8 +52,8 @@ SETTLED = 0.1
 
 ALIKE = 0.9
 """
-Cosine between two steps of a fit from which the second repeats the first, and how long it may be
-in that: ten such steps are made at once, at most.
+Cosine between two steps of a fit from which the second repeats the first, and the ratio of their
+lengths that is expected of further ones, at most: that many make ten.
 """
 
 FURTHER = 4

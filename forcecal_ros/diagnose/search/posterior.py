@@ -335,14 +335,14 @@ def _all_the_time(now: Explanation) -> Explanation:
     return other if other and other.evidence > now.evidence - WORTH else now
 
 
-def _about_itself(now: Explanation) -> Explanation:
-    """Fit on about where a fit ended, all numbers of a simulator tried there, if that is far."""
+def _linearised_anew(now: Explanation) -> Explanation:
+    """Linearise a simulator in all its numbers where a fit ended, if that is far, and fit on."""
     model = replace(now.fit.model)
     if not model.settle(whole=True):
         return now
     model.linearise()
     fit = joint_fit_if_finite(model, now.fit.accepted)
-    return _about_itself(weigh(fit, now.ways)) if fit else now
+    return _linearised_anew(weigh(fit, now.ways)) if fit else now
 
 
 def _with_refitted_noise(best: Explanation) -> Explanation:
@@ -400,7 +400,7 @@ def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
         children = _likeliest(extended(best, table, known))
         if not children:
             break
-        children = _likeliest([_about_itself(children[0]), *children])
+        children = _likeliest([_linearised_anew(children[0]), *children])
         children = _likeliest([*children, *_exchanged(model, children[0], table, known)])
         chosen, own = _chosen(model, children, best)
         likely = chosen.evidence >= best.evidence + WORTH and min(

@@ -380,7 +380,7 @@ class Conformance(NamedTuple):
             f'{self.name}: meets the protocol, and repeated runs are equal',
             f'simulates {", ".join(self.streams)}',
             f'{self.length:.0f} s of commands take {self.seconds:.2g} s',
-            (f'a diagnosis runs it at most {MAX_RUNS} times per recording: '
+            (f'a diagnosis runs it about {MAX_RUNS} times per recording, at most: '
              f'{MAX_RUNS * self.seconds:.0f} s'),
             'change by one sigma of a parameter, RMS:',
             *(f'  {name}  {self._moves(moved)}' for name, moved in self.sensitivity.items()),

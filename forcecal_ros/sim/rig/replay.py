@@ -64,8 +64,8 @@ class Replay:
         """Say whether an effect could be there and be seen."""
         return effect not in UNSEEN and applicable(EFFECTS[effect], rig)
 
-    def tangent(self, rig: Rig, nuisance: str = '') -> None:
-        """Say that its signals are straight about no point."""
+    def tangent(self, rig: Rig, nuisance: str) -> None:
+        """Return that its signals are linear about no point."""
 
     def settle(self, rig: Rig, *, whole: bool = False) -> bool:
         """Return that signals are exact as they are."""
