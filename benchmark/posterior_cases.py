@@ -167,7 +167,9 @@ def steps_of(diagnose) -> list[dict[str, Any]]:
             'worth': bool(chosen.evidence >= best.evidence + judge.WORTH),
             'features': {name: {k: float(v) for k, v in f._asdict().items()}
                          for name, f in features.items()},
-            'alternatives': {name: judge._instead(chosen, found, name) for name in features}})
+            'alternatives': {
+                name: {other: f._asdict() for other, f in judge._instead(
+                    chosen, found, name, features[name].gain).items()} for name in features}})
         return chosen, features
 
     def ended(*args):

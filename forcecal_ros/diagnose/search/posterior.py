@@ -101,8 +101,8 @@ class Posterior(NamedTuple):
         With the accepted effects, at the joint fit.
     features : dict of str to Features
         Of each accepted effect, or of what comes closest: what its probability follows from.
-    alternatives : dict of str to dict of str to float
-        Log-evidence of each other effect in the place of one of these, against that one.
+    alternatives : dict of str to dict of str to Features
+        Of each other effect in the place of one of these.
     discrepancy_evidence : float
         Log-likelihood of a discrepancy, and of what else is unexplained.
     instants : dict of str to Instant or None
@@ -115,7 +115,7 @@ class Posterior(NamedTuple):
     accepted: tuple[Accepted, ...]
     jacobians: tuple[EffectJacobian, ...]
     features: Mapping[str, Features] = MappingProxyType({})
-    alternatives: Mapping[str, Mapping[str, float]] = MappingProxyType({})
+    alternatives: Mapping[str, Mapping[str, Features]] = MappingProxyType({})
     discrepancy_evidence: float = 0.0
     instants: Mapping[str, Instant | None] = MappingProxyType({})
     closest: JointFit | None = None
@@ -128,7 +128,8 @@ class Posterior(NamedTuple):
         found = {names: 0.0}
         for name, others in self.alternatives.items():
             found[names - {name}] = -self.features[name].gain
-            found |= {names - {name} | {other}: e for other, e in others.items()}
+            found |= {names - {name} | {other}: f.gain - self.features[name].gain
+                      for other, f in others.items()}
         missing = max((f.missing for f in self.features.values()),
                       default=self.discrepancy_evidence)
         best = max(found.values())
@@ -338,11 +339,15 @@ def _all_the_time(now: Explanation) -> Explanation:
 def _linearised_anew(now: Explanation) -> Explanation:
     """Linearise a simulator in all its numbers where a fit ended, if that is far, and fit on."""
     model = replace(now.fit.model)
-    if not model.settle(whole=True):
+    ran = model.settle(whole=True) or model.settle()
+    if not ran and model.is_linearised_here:
         return now
     model.linearise()
     fit = joint_fit_if_finite(model, now.fit.accepted)
-    return _linearised_anew(weigh(fit, now.ways)) if fit else now
+    if fit is None:
+        return now
+    anew = weigh(fit, now.ways)
+    return _linearised_anew(anew) if ran else anew
 
 
 def _with_refitted_noise(best: Explanation) -> Explanation:
@@ -391,7 +396,7 @@ def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
     table = _Table(model, found)
     best = weigh(JointFit(model, [], []))
     features: dict[str, Features] = {}
-    alternatives: dict[str, dict[str, float]] = {}
+    alternatives: dict[str, dict[str, Features]] = {}
     closest: JointFit | None = None
     for _ in range(2 * MOST_EFFECTS):
         if len(best.names) == MOST_EFFECTS:
@@ -400,14 +405,17 @@ def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
         children = _likeliest(extended(best, table, known))
         if not children:
             break
-        children = _likeliest([_linearised_anew(children[0]), *children])
+        least = best.evidence + SHADOW * (children[0].evidence - best.evidence)
+        rivals = [_linearised_anew(one) for one in children if one.evidence >= least]
+        children = _likeliest([*rivals, *children])
         children = _likeliest([*children, *_exchanged(model, children[0], table, known)])
         chosen, own = _chosen(model, children, best)
         likely = chosen.evidence >= best.evidence + WORTH and min(
             map(stored().probability, own.values())) >= NAMED
         if likely or not best.names:
             features, closest = own, None if likely else chosen.fit
-            alternatives = {name: _instead(chosen, children, name) for name in chosen.names}
+            alternatives = {name: _instead(chosen, children, name, own[name].gain)
+                            for name in chosen.names}
         if not likely:
             break
         best = _completed(_with_refitted_noise(chosen))
@@ -417,11 +425,12 @@ def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
                       if name in best.fit.model.gates}, closest)
 
 
-def _instead(chosen: Explanation, others: Sequence[Explanation], name: str) -> dict[str, float]:
-    """Return the log-evidence of others in the place of an effect, against that one."""
+def _instead(chosen: Explanation, others: Sequence[Explanation], name: str, gain: float
+             ) -> dict[str, Features]:
+    """Return what the probability of others in the place of an effect of some gain follows from."""
     rest = chosen.names - {name}
-    return {next(iter(e.names - rest)): e.evidence - chosen.evidence for e in others
-            if rest < e.names and len(e.names) == len(chosen.names) and name not in e.names}
+    return {next(iter(e.names - rest)): Features(gain + e.evidence - chosen.evidence, e.missing)
+            for e in others if rest < e.names and len(e.names) == len(chosen.names) and name not in e.names}
 
 
 ALIAS_ODDS = 0.05
