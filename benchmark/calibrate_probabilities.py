@@ -57,9 +57,7 @@ def decided(case: dict[str, Any], by: Calibration) -> Decided:
     if taken is None:
         return Decided([], {})
     found = Posterior(cast(Any, None), (), (), MappingProxyType(
-        {name: Features(**f) for name, f in taken['features'].items()}), {
-            name: {other: Features(**f) for other, f in others.items()}
-            for name, others in taken['alternatives'].items()},
+        {name: Features(**f) for name, f in taken['features'].items()}), taken['alternatives'],
         closest=None if named else cast(Any, 'not accepted'))
     probabilities, candidates = weighed(found, taken['worth'], True, by)
     return Decided(sorted(probabilities, key=lambda name: -probabilities[name]) if named else [],

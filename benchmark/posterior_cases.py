@@ -167,9 +167,7 @@ def steps_of(diagnose) -> list[dict[str, Any]]:
             'worth': bool(chosen.evidence >= best.evidence + judge.WORTH),
             'features': {name: {k: float(v) for k, v in f._asdict().items()}
                          for name, f in features.items()},
-            'alternatives': {
-                name: {other: f._asdict() for other, f in judge._instead(
-                    chosen, found, name, features[name].gain).items()} for name in features}})
+            'alternatives': {name: judge._instead(chosen, found, name) for name in features}})
         return chosen, features
 
     def ended(*args):

@@ -387,8 +387,8 @@ def _of_joints(model: Any, drives: Sequence[Drive]) -> list[Number]:
                       for letter, at in zip('pd', drive.gains)]
         else:
             kp = -float(model.actuator_biasprm[i, 1])
-            found.append(Number(_scaled(f'kp[{name}]', kp, GAIN_SIGMA[0], least=0.05)._replace(
-                inverse=True), _coefficient(model, i, 1, drive.kind)))
+            found.append(Number(_scaled(f'kp[{name}]', kp, GAIN_SIGMA[0]),
+                                _coefficient(model, i, 1, drive.kind)))
         if drive.kind == PID and (ki := float(model.actuator_gainprm[i, 0])) > 0.0:
             found.append(Number(_scaled(f'ki[{name}]', ki, GAIN_SIGMA[1]),
                                 _writer('actuator_gainprm', (i, 0))))
@@ -407,8 +407,7 @@ def _of_controller(model: Any, letter: str, drive: Drive, at: int) -> Number:
     name, gain = f'{letter}[{drive.joint}]', float(model.numeric_data[at])
     if gain <= 0.0:
         raise ConfigError(f'numeric {name}: got {gain:g}, expected a gain above zero')
-    return Number(_scaled(name, gain, GAIN_SIGMA[letter == 'd'], least=0.05)._replace(
-        inverse=letter == 'p'), _writer('numeric_data', at))
+    return Number(_scaled(name, gain, GAIN_SIGMA[letter == 'd']), _writer('numeric_data', at))
 
 
 def _of_base(model: Any) -> list[Number]:
@@ -430,10 +429,10 @@ def _of_base(model: Any) -> list[Number]:
                              ('base_tilt',)), about(k)) for k, a in enumerate('xy')]
 
 
-def _scaled(name: str, value: float, sigma: float, unit: str = '1', least: float = 0.0
-            ) -> Parameter:
-    """Return a parameter of a relative ``sigma``, from ``least`` to 20 times its value."""
-    return Parameter(name, value, sigma * value, unit, least * value, 20.0 * value)
+def _scaled(name: str, value: float, sigma: float, unit: str = '1') -> Parameter:
+    """Return a parameter of a relative ``sigma``, from a twentieth to 20 times its value."""
+    return Parameter(name, value, sigma * value, unit, 0.05 * value, 20.0 * value,
+                     logarithmic=True)
 
 
 def _writer(field: str, index: Any, scale: Any = 1.0) -> _Write:
@@ -524,7 +523,7 @@ def limit_numbers(model: Any, limits: Sequence[Limit]) -> Iterator[Number]:
     for one in limits:
         unit = '1' if one.field == INPUT else 'N' if is_slide(model, one.joint) else 'N m'
         ends = np.array(getattr(model, one.field)[one.row]) / one.most
-        yield Number(_scaled(one.name, one.most, LIMIT_SIGMA, unit, 0.05),
+        yield Number(_scaled(one.name, one.most, LIMIT_SIGMA, unit),
                      _writer(one.field, one.row, ends))
 
 

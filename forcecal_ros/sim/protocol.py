@@ -28,9 +28,10 @@ class Parameter(NamedTuple):
         ``robot``, ``tool`` or ``environment``: what it is a number of.
     stands_for : tuple of str
         Effects of the library that it makes itself, as ``tool_mass``; these are not tried beside.
-    inverse : bool
-        Whether signals are more nearly linear in its inverse, as in a stiffness: by how much a
-        drive gives way goes with 1 / kp. It is above zero then.
+    logarithmic : bool
+        Whether signals are more nearly linear in its logarithm, as in gains and stiffnesses: a
+        drive lags by kv / kp, and what trades between the two is a straight line then. It is
+        above zero.
     """
 
     name: str
@@ -41,20 +42,21 @@ class Parameter(NamedTuple):
     high: float = math.inf
     stage: str = 'robot'
     stands_for: tuple[str, ...] = ()
-    inverse: bool = False
+    logarithmic: bool = False
 
     def to_linear(self, value: float) -> float:
         """Return what signals are nearly linear in, which equals it and its slope at nominal."""
-        if not self.inverse:
+        if not self.logarithmic:
             return value
-        return self.nominal * (2.0 - self.nominal / value) if value > 0.0 else -math.inf
+        ratio = math.log(value / self.nominal) if value > 0.0 else -math.inf
+        return self.nominal * (1.0 + ratio)
 
     def from_linear(self, x: float, std: float = 0.0) -> tuple[float, float]:
         """Return the number again, and its standard error."""
-        if not self.inverse:
+        if not self.logarithmic:
             return x, std
-        value = self.nominal / (2.0 - x / self.nominal)
-        return value, std * (value / self.nominal) ** 2
+        ratio = math.exp(x / self.nominal - 1.0)
+        return self.nominal * ratio, std * ratio
 
 
 @dataclass(frozen=True)

@@ -121,15 +121,16 @@ class Runs:
             self._finer[numbers] = _change(*_of_one_length(here, self.halved(numbers)), 1.0)
 
     def _try(self, here: Recording, numbers: Numbers, i: int) -> Change:
-        """Run it with another value of a parameter, to the side on which that acts."""
+        """Run it with another value of a parameter, so near or to that side that it acts."""
         p = self.simulator.parameters[i]
-        step = p.sigma  # small enough for a straight line, large enough to be seen
-        if numbers[i] + step > p.high:
-            step = -step
-        change = self._changed(here, numbers, i, step)
-        nothing = not any(rows.any() for rows in change.values())
-        if nothing and numbers[i] - step > p.low:  # a limit acts where it is lower
-            change = self._changed(here, numbers, i, -step)
+        # a secant would be no tangent, and a limit acts where it is lower
+        steps = [step for step in (CLOSE * p.sigma, -CLOSE * p.sigma, -p.sigma)
+                 if p.low < numbers[i] + step <= p.high] or [-CLOSE * p.sigma]
+        change: Change = {}
+        for step in steps:
+            change = self._changed(here, numbers, i, step)
+            if any(rows.any() for rows in change.values()):
+                break
         return change
 
     def _changed(self, here: Recording, numbers: Numbers, i: int, step: float) -> Change:

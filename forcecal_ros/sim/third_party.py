@@ -260,8 +260,8 @@ def _check_parameter(name: str, p: Parameter) -> None:
         raise ConfigError(f'{where}: nominal {p.nominal} is not within {p.low} to {p.high}')
     if not (np.isfinite(p.sigma) and p.sigma > 0.0):
         raise ConfigError(f'{where}: sigma {p.sigma}, expected a standard deviation above 0')
-    if p.inverse and not p.low > 0.0:
-        raise ConfigError(f'{where}: low {p.low}, expected above 0, as its inverse is used')
+    if p.logarithmic and not p.low > 0.0:
+        raise ConfigError(f'{where}: low {p.low}, expected above 0, as its logarithm is used')
     if p.stage not in STAGES:
         raise ConfigError(f'{where}: stage {p.stage!r}, expected one of {", ".join(STAGES)}')
 

@@ -71,8 +71,7 @@ class Calibration(NamedTuple):
         Of the regressors that :meth:`Features.row` returns.
     temperature : tuple of float
         Log-evidence by which the odds of two effects change by e, as errors of form are allowed
-        for: at least; more for each that the likelier one brings; more for each that is missing
-        of that one which lacks more, as this may be what it is not likelier for.
+        for: at least; more for each that the likelier one brings; more for each that is missing.
     largest : float
         Probability, at most.
     """
@@ -87,13 +86,11 @@ class Calibration(NamedTuple):
         x = self.intercept + sum(w * v for w, v in zip(self.weights, features.row()))
         return float(min(self.largest, max(1.0 - self.largest, 1.0 / (1.0 + math.exp(-x)))))
 
-    def odds(self, features: Features, others: Mapping[str, Features]) -> dict[str, float]:
-        """Return the odds of others against an effect, by what they bring in its place."""
+    def odds(self, features: Features, others: Mapping[str, float]) -> dict[str, float]:
+        """Return the odds of others against an effect, by their log-evidence against it."""
         least, brought, missing = self.temperature
-        least += brought * max(features.gain, 0.0)
-        return {name: math.exp(min(0.0, other.gain - features.gain) / (
-            least + missing * max(features.missing, other.missing)))
-            for name, other in others.items()}
+        temperature = least + brought * max(features.gain, 0.0) + missing * features.missing
+        return {name: math.exp(min(0.0, value) / temperature) for name, value in others.items()}
 
 
 @cache

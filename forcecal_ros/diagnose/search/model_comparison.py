@@ -50,12 +50,6 @@ also where noise is not quite what it is taken for. On 271 development cases the
 SETTLED = 0.1
 """Log-posterior that a step has to bring for another one to follow: half a standard error."""
 
-ALIKE = 0.9
-"""
-Cosine between two steps of a fit from which the second repeats the first, and the ratio of their
-lengths that is expected of further ones, at most: that many make ten.
-"""
-
 FURTHER = 4
 """
 Steps that may follow the first of a fit while it is for the worse, before a part of it is tried.
@@ -354,34 +348,26 @@ def joint_fit(model: LinearisedModel, accepted: Sequence[Accepted], step: Array 
     if released:
         out.settle()
     jacobians: list[EffectJacobian] = []
-    further, last = FURTHER if step is not None else 0, np.zeros(0)
+    further = FURTHER if step is not None else 0
     for _ in range(rounds):  # a resonance that starts an octave off takes 8
         jacobians = _jacobians(out, now)
         comparison = ModelComparison(out, jacobians)
         out.discrepancy_scales = comparison.scales
         before, gained, old = out.log_posterior(comparison.every.square), -np.inf, (out, now)
-        longer = _longer(last, comparison.null.x)
-        for fraction in (*longer, *FRACTIONS):
+        for fraction in FRACTIONS:
             tried = _stepped(out, now, jacobians, comparison, fraction)
-            if tried and fraction in longer and released:
-                tried[0].settle()
             gained = tried[0].log_posterior() - before if tried else -np.inf
             for _ in range(further):
                 if not tried or gained > -SETTLED:
                     break
                 # along a valley that bends a step leaves it: further ones lead back
-                if released:
-                    tried[0].settle()
                 there = _jacobians(*tried)
                 tried = _stepped(*tried, there, ModelComparison(tried[0], there), 1.0)
                 gained = tried[0].log_posterior() - before if tried else -np.inf
             further = 0
-            last = comparison.null.x if fraction == 1.0 else np.zeros(0)
-            if tried and gained > (SETTLED if fraction in longer else -SETTLED):
+            if tried and gained > -SETTLED:
                 out, now = tried
                 break
-        if released and out.settle():
-            gained = out.log_posterior() - before
         if gained < SETTLED:
             out, now = (out, now) if gained > 0.0 else old
             break
@@ -390,15 +376,6 @@ def joint_fit(model: LinearisedModel, accepted: Sequence[Accepted], step: Array 
         elif released:
             out.linearise(released)
     return JointFit(out, now, jacobians)
-
-
-def _longer(last: Array, step: Array) -> tuple[float, ...]:
-    """Return how many steps lead where a fit goes that repeats its step, ever a shorter one."""
-    if not last.any() or not step.any():
-        return ()
-    alike = step @ last / (np.linalg.norm(step) * np.linalg.norm(last))
-    ratio = float(step @ last / (last @ last))
-    return (1.0 / (1.0 - min(ratio, ALIKE)),) if alike > ALIKE and ratio > 0.5 else ()
 
 
 def joint_fit_if_finite(model: LinearisedModel, accepted: Sequence[Accepted],
@@ -418,10 +395,16 @@ def _jacobians(model: LinearisedModel, accepted: Sequence[Accepted]) -> list[Eff
 def _stepped(model: LinearisedModel, now: Sequence[Accepted], jacobians: Sequence[EffectJacobian],
              comparison: ModelComparison, fraction: float
              ) -> tuple[LinearisedModel, list[Accepted]] | None:
-    """Evaluate a fraction of the way to the best; give nothing where that diverges."""
+    """
+    Evaluate a fraction of the way to the best; give nothing where that diverges.
+
+    A simulator whose numbers are released is run there, as its lines may not hold so far.
+    """
     moved = _moved(now, jacobians, comparison, fraction)
     step = fraction * comparison.null.x[:len(model.nuisances)]
     tried = model.evaluated(step, effects=_effects(model, moved))
+    if tried and model.released:
+        tried.settle()
     return (tried, moved) if tried else None
 
 

@@ -59,6 +59,14 @@ WORTH = 8.0
 SHADOW = 0.5
 """Share of what an effect brought that another has to bring in its place, by the linear screen."""
 
+MISLED = 0.05
+"""
+Share of what the likeliest explanation brings by which another may fall short for its lines.
+
+A wrench that is 6 ms late was a low-pass: its delay fell short by 2.6 %, and by less than 1 % about
+lines of its own.
+"""
+
 
 class Explanation(NamedTuple):
     """
@@ -101,8 +109,8 @@ class Posterior(NamedTuple):
         With the accepted effects, at the joint fit.
     features : dict of str to Features
         Of each accepted effect, or of what comes closest: what its probability follows from.
-    alternatives : dict of str to dict of str to Features
-        Of each other effect in the place of one of these.
+    alternatives : dict of str to dict of str to float
+        Log-evidence of each other effect in the place of one of these, against that one.
     discrepancy_evidence : float
         Log-likelihood of a discrepancy, and of what else is unexplained.
     instants : dict of str to Instant or None
@@ -115,7 +123,7 @@ class Posterior(NamedTuple):
     accepted: tuple[Accepted, ...]
     jacobians: tuple[EffectJacobian, ...]
     features: Mapping[str, Features] = MappingProxyType({})
-    alternatives: Mapping[str, Mapping[str, Features]] = MappingProxyType({})
+    alternatives: Mapping[str, Mapping[str, float]] = MappingProxyType({})
     discrepancy_evidence: float = 0.0
     instants: Mapping[str, Instant | None] = MappingProxyType({})
     closest: JointFit | None = None
@@ -128,8 +136,7 @@ class Posterior(NamedTuple):
         found = {names: 0.0}
         for name, others in self.alternatives.items():
             found[names - {name}] = -self.features[name].gain
-            found |= {names - {name} | {other}: f.gain - self.features[name].gain
-                      for other, f in others.items()}
+            found |= {names - {name} | {other}: e for other, e in others.items()}
         missing = max((f.missing for f in self.features.values()),
                       default=self.discrepancy_evidence)
         best = max(found.values())
@@ -166,10 +173,13 @@ class _Table:
         for some in ([t for t in screened if t.gate is None], [t for t in screened if t.gate],
                      screen_change_points(comparison, parts)):
             # what acts all the time needs no recording alone, and what acts in that no instant
-            least = {name: t.evidence + WORTH for name, t in found.items()}
+            before = dict(found)
             for t in reversed(some):
-                if t.evidence > least.get(t.effect.name, -np.inf):
-                    found[t.effect.name] = t
+                other = before.get(t.effect.name)
+                if other is None or t.evidence > other.evidence + WORTH:
+                    # an instant that the recording does not locate is none
+                    found[t.effect.name] = t if other is None else t._replace(
+                        nested=(*t.nested, other, *other.nested))
         return sorted((t._replace(evidence=t.evidence - model.earlier.of(taken)
                                   + model.earlier.of({*taken, t.effect.name}))
                        for t in found.values()), key=lambda t: -t.evidence)
@@ -206,16 +216,17 @@ def extended(parent: Explanation, table: _Table, known: set[frozenset[str]],
     known : set of frozenset of str
         Explanations that are fitted already; those fitted here are added.
     least : float
-        Log-evidence that an effect has to bring by the linear screen, ``WORTH`` in any case.
+        Log-evidence that an effect has to bring by the linear screen, ``WORTHWHILE`` in any case:
+        from there, its fit may lead to what is worth its place.
     """
     now, fits = parent.fit, []
-    likely = [t for t in table.candidates(now) if t.evidence > max(least, WORTH)]
+    likely = [t for t in table.candidates(now) if t.evidence > max(least, WORTHWHILE)]
     for t, begun in _by_first_step(parent, likely):
         names = parent.names | {t.effect.name}
         if names not in known:
             known.add(names)
             fits += [(one, _continued(now, one, begun if one is t else None))
-                     for one in (t, *t.nested) if one.evidence > WORTH]
+                     for one in (t, *t.nested) if one.evidence > WORTHWHILE]
     return [weigh(fit, {**parent.ways, t.effect.name: float(np.log(t.ways))})
             for t, fit in fits if fit is not None]
 
@@ -343,22 +354,26 @@ def _linearised_anew(now: Explanation) -> Explanation:
     if not ran and model.is_linearised_here:
         return now
     model.linearise()
+    before = model.log_posterior()
     fit = joint_fit_if_finite(model, now.fit.accepted)
     if fit is None:
         return now
     anew = weigh(fit, now.ways)
-    return _linearised_anew(anew) if ran else anew
+    further = ran and fit.model.log_posterior() > before + WORTHWHILE
+    return _linearised_anew(anew) if further else anew
 
 
 def _with_refitted_noise(best: Explanation) -> Explanation:
     """Fit the noise to the residual, and everything beside that noise, linearised there."""
     model = replace(best.fit.model)
-    if any(n.name in model.released and n.acts_on == 'rig' for n in model.nuisances):
+    rig, simulation = model.current(), model.datasets[0].simulation
+    if any(n.name in model.released and n.acts_on == 'rig'
+           and simulation.tangent(rig, n.name) is None for n in model.nuisances):
         model.linearise()  # a wall that is elsewhere bends what all others do
         model = (joint_fit_if_finite(model, best.fit.accepted) or best.fit).model
     model.refit_noise(np.zeros(len(model.nuisances)))
     fit = joint_fit_if_finite(model, best.fit.accepted) or best.fit
-    return weigh(fit, best.ways)
+    return _linearised_anew(weigh(fit, best.ways))
 
 
 def _completed(now: Explanation) -> Explanation:
@@ -382,6 +397,20 @@ def _likeliest(pool: Sequence[Explanation]) -> list[Explanation]:
     return list(out.values())
 
 
+def _weighed_beside(start: LinearisedModel, best: Explanation, table: _Table
+                    ) -> list[Explanation]:
+    """Add effects to what is explained, the likeliest linearised where their fits ended."""
+    known: set[frozenset[str]] = set()
+    children = _likeliest(extended(best, table, known))
+    if not children:
+        return []
+    short = MISLED * (children[0].evidence - best.evidence)
+    rivals = [_linearised_anew(one) for one in children
+              if one.evidence >= children[0].evidence - short]
+    children = _likeliest([*rivals, *children])
+    return _likeliest([*children, *_exchanged(start, children[0], table, known)])
+
+
 def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
     """
     Search for the explanations of recordings.
@@ -394,43 +423,38 @@ def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
         Effects of the library, as they act all the time.
     """
     table = _Table(model, found)
-    best = weigh(JointFit(model, [], []))
+    start = best = weigh(JointFit(model, [], []))
     features: dict[str, Features] = {}
-    alternatives: dict[str, dict[str, Features]] = {}
+    alternatives: dict[str, dict[str, float]] = {}
     closest: JointFit | None = None
     for _ in range(2 * MOST_EFFECTS):
         if len(best.names) == MOST_EFFECTS:
             break
-        known: set[frozenset[str]] = set()
-        children = _likeliest(extended(best, table, known))
-        if not children:
+        children, likely = _weighed_beside(start.fit.model, best, table), False
+        if children:
+            chosen, own = _chosen(start.fit.model, children, best)
+            likely = chosen.evidence >= best.evidence + WORTH and min(
+                map(stored().probability, own.values())) >= NAMED
+            if likely or not best.names:
+                features, closest = own, None if likely else chosen.fit
+                alternatives = {name: _instead(chosen, children, name) for name in chosen.names}
+        if likely:
+            best = _completed(_with_refitted_noise(chosen))
+        elif best.names or (anew := _linearised_anew(best)) is best:
             break
-        least = best.evidence + SHADOW * (children[0].evidence - best.evidence)
-        rivals = [_linearised_anew(one) for one in children if one.evidence >= least]
-        children = _likeliest([*rivals, *children])
-        children = _likeliest([*children, *_exchanged(model, children[0], table, known)])
-        chosen, own = _chosen(model, children, best)
-        likely = chosen.evidence >= best.evidence + WORTH and min(
-            map(stored().probability, own.values())) >= NAMED
-        if likely or not best.names:
-            features, closest = own, None if likely else chosen.fit
-            alternatives = {name: _instead(chosen, children, name, own[name].gain)
-                            for name in chosen.names}
-        if not likely:
-            break
-        best = _completed(_with_refitted_noise(chosen))
+        else:
+            start = best = anew
     return Posterior(best.fit.model, tuple(best.fit.accepted), tuple(best.fit.jacobians),
                      features, alternatives, best.fit.comparison().discrepancy_evidence,
                      {name: instant_of(best.fit, name) for name in best.names
                       if name in best.fit.model.gates}, closest)
 
 
-def _instead(chosen: Explanation, others: Sequence[Explanation], name: str, gain: float
-             ) -> dict[str, Features]:
-    """Return what the probability of others in the place of an effect of some gain follows from."""
+def _instead(chosen: Explanation, others: Sequence[Explanation], name: str) -> dict[str, float]:
+    """Return the log-evidence of others in the place of an effect, against that one."""
     rest = chosen.names - {name}
-    return {next(iter(e.names - rest)): Features(gain + e.evidence - chosen.evidence, e.missing)
-            for e in others if rest < e.names and len(e.names) == len(chosen.names) and name not in e.names}
+    return {next(iter(e.names - rest)): e.evidence - chosen.evidence for e in others
+            if rest < e.names and len(e.names) == len(chosen.names) and name not in e.names}
 
 
 ALIAS_ODDS = 0.05

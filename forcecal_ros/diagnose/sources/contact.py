@@ -477,7 +477,7 @@ def compare_contact(robot: Touch, simulated: Touch, spreads: NominalTolerances,
 
 
 def _weighed_together(names: Sequence[str], change: Array, scatter: Array, wide: Array
-                      ) -> tuple[dict[str, Features], dict[str, dict[str, Features]]]:
+                      ) -> tuple[dict[str, Features], dict[str, dict[str, float]]]:
     """
     Find which differences explain what was measured, by the evidence of every set of them.
 
@@ -492,28 +492,24 @@ def _weighed_together(names: Sequence[str], change: Array, scatter: Array, wide:
     -------
     features : dict of str to Features
         Of each difference that is worth its place.
-    others : dict of str to dict of str to Features
-        Of each other difference in its place.
+    others : dict of str to dict of str to float
+        Log-evidence of each other difference in its place.
     """
-    def covariance(chosen: frozenset[str]) -> Array:
-        return scatter + np.diag([name in chosen for name in names] * wide ** 2)
-
     def evidence(chosen: frozenset[str]) -> float:
-        return float(multivariate_normal.logpdf(change, cov=covariance(chosen)))
-
-    def features(chosen: frozenset[str], without: frozenset[str]) -> Features:
-        square = change @ np.linalg.solve(covariance(chosen), change)
-        return Features(found[chosen] - found[without],
-                        max(0.0, 0.5 * float(square - len(names))))
+        free = np.array([name in chosen for name in names])
+        return float(multivariate_normal.logpdf(change, cov=scatter + np.diag(free * wide ** 2)))
 
     if not names:
         return {}, {}
     found = {one: evidence(one) for n in range(len(names) + 1)
              for one in map(frozenset, combinations(names, n))}
     best = max(found, key=lambda one: found[one] - WORTH * len(one))
+    free = np.array([name in best for name in names])
+    square = change @ np.linalg.solve(scatter + np.diag(free * wide ** 2), change)
+    missing = max(0.0, 0.5 * float(square - len(names)))
     # measured apart, so that none fits what another leaves
-    return ({name: features(best, best - {name}) for name in best},
-            {name: {other: features(best - {name} | {other}, best - {name})
+    return ({name: Features(found[best] - found[best - {name}], missing) for name in best},
+            {name: {other: found[best - {name} | {other}] - found[best]
                     for other in names if other not in best} for name in best})
 
 

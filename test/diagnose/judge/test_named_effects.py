@@ -92,7 +92,7 @@ def test_an_alias_is_noted_from_odds_of_one_to_twenty_on():
     def notes(odds):
         by = stored().temperature[0]
         return ties_of(Posterior(None, (), (), {'tool_mass': Features(0.0, 0.0)},
-                                 {'tool_mass': {'wrench_gain': Features(by * math.log(odds), 0.0)}}))
+                                 {'tool_mass': {'wrench_gain': by * math.log(odds)}}))
 
     assert notes(0.04) == ()
     note, = notes(0.06)

@@ -3,7 +3,7 @@
 from forcecal_ros.diagnose.dataset import split_datasets
 from forcecal_ros.diagnose.model.linearised import linearised_model
 from forcecal_ros.diagnose.search import model_comparison, posterior
-from forcecal_ros.diagnose.search.model_comparison import Accepted, joint_fit
+from forcecal_ros.diagnose.search.model_comparison import Accepted, Candidate, joint_fit
 from forcecal_ros.diagnose.search.posterior import Explanation
 from forcecal_ros.diagnose.sources.pair import PairSource
 import numpy as np
@@ -48,14 +48,81 @@ def test_a_number_that_was_left_out_is_estimated_where_the_fit_has_come_to(model
     assert posterior._completed(completed) is completed
 
 
-@pytest.mark.parametrize('last, step, longer', [
-    ([2.0, 1.0], [1.6, 0.8], 5.0),  # 1 + 0.8 + 0.64 + ... such steps lead where it goes
-    ([2.0, 1.0], [1.999, 1.0], 10.0), ([2.0, 1.0], [0.8, 0.4], None),
-    ([2.0, 1.0], [-1.6, -0.8], None), ([2.0, 1.0], [0.8, -1.6], None),
-    ([0.0, 0.0], [1.6, 0.8], None), ([2.0, 1.0], [0.0, 0.0], None)])
-def test_steps_that_repeat_are_made_at_once(last, step, longer):
-    found = model_comparison._longer(np.array(last), np.array(step))
-    assert found == (() if longer is None else pytest.approx((longer,)))
+class Bent:
+    """A model whose lines end where its fit did, until it is run there."""
+
+    def __init__(self, runs, linear):
+        self.runs, self.linear, self.done = runs, linear, []
+
+    def __copy__(self):
+        return self
+
+    def settle(self, *, whole=False):
+        self.done.append('tried' if whole else 'run')
+        return ('tried' if whole else 'run') in self.runs
+
+    @property
+    def is_linearised_here(self):
+        return self.linear
+
+    def linearise(self):
+        self.done.append('linearised')
+
+    def log_posterior(self):
+        return 0.0
+
+
+@pytest.mark.parametrize('runs, linear, done', [
+    ((), True, ['tried', 'run']), ((), False, ['tried', 'run', 'linearised']),
+    (('run',), True, ['tried', 'run', 'linearised']), (('tried',), True, ['tried', 'linearised'])])
+def test_where_a_fit_ended_a_simulator_is_run_and_its_lines_are_those_of_there(
+        monkeypatch, runs, linear, done):
+    model = Bent(runs, linear)
+    monkeypatch.setattr(posterior, 'replace', lambda model: model)
+    monkeypatch.setattr(posterior, 'weigh', lambda fit, ways: Explanation(fit, 20.0, 0.0))
+    fit = model_comparison.JointFit(model, [], [])
+    monkeypatch.setattr(posterior, 'joint_fit_if_finite', lambda model, accepted: fit)
+    now = Explanation(fit, 10.0, 0.0)
+    found = posterior._linearised_anew(now)
+    assert model.done == done and (found is now) == ('linearised' not in done)
+
+
+def test_what_may_act_for_a_part_of_the_time_is_fitted_all_the_time_as_well(monkeypatch):
+    """For example where the instant that it is screened at is none that a recording locates."""
+    always = [candidate('kp', 7.0, None), candidate('kv', 60.0, None)]
+    begins = [candidate('kp', 42.0, 'gate'), candidate('kv', 61.0, 'gate')]
+    table = posterior._Table.__new__(posterior._Table)
+    table.parts, table.found, table.taken_up = {}, [], []
+    monkeypatch.setattr(posterior, 'screen_change_points', lambda comparison, parts: begins)
+    model = type('M', (), {'effects': {}, 'earlier': posterior.FIRST_RECORDING})
+    now = type('Fit', (), {'model': model, 'accepted': [], 'comparison': lambda self: type(
+        'C', (), {'screen': lambda self, found: always})()})()
+    first, second = table.candidates(now)
+    assert (first.effect.name, first.gate, first.nested) == ('kv', None, ())
+    assert (second.gate, second.nested) == ('gate', (always[0],))
+    monkeypatch.setattr(posterior, '_continued', lambda now, t, begun: t)
+    monkeypatch.setattr(posterior, 'weigh', lambda fit, ways: fit)
+    parent = Explanation(now, 0.0, 0.0)
+    assert posterior.extended(parent, table, set()) == [first, second, always[0]]
+
+
+def test_rivals_are_weighed_about_lines_of_their_own(monkeypatch):
+    def one(name, evidence):
+        fit = type('Fit', (), {'accepted': [type('A', (), {'name': name})],
+                               'model': type('M', (), {'gates': {}})})
+        return Explanation(fit, evidence, 0.0)
+
+    best = one('nothing', 0.0)
+    monkeypatch.setattr(posterior, 'extended', lambda best, table, known: [
+        one('delay', 960.0), one('low-pass', 1000.0), one('gain', 940.0)])
+    monkeypatch.setattr(posterior, '_exchanged', lambda *given: [])
+    monkeypatch.setattr(posterior, '_linearised_anew', lambda e: e._replace(
+        evidence=e.evidence + 100.0 * ('delay' in e.names)))
+    found = posterior._weighed_beside(None, best, None)
+    assert [(*e.names, e.evidence) for e in found] == [
+        ('delay', 1060.0), ('low-pass', 1000.0), ('gain', 940.0)]
+    monkeypatch.setattr(posterior, 'MISLED', 0.0)
+    assert posterior._weighed_beside(None, best, None)[0].names == {'low-pass'}
 
 
 def test_effects_are_chosen_by_the_first_step_of_their_fits(monkeypatch):
@@ -79,5 +146,4 @@ def test_effects_are_chosen_by_the_first_step_of_their_fits(monkeypatch):
 
 
 def candidate(name, evidence, gate):
-    return type('Candidate', (), {'effect': type('Effect', (), {'name': name}), 'ways': 1,
-                                  'evidence': evidence, 'gate': gate})
+    return Candidate(type('Effect', (), {'name': name}), evidence, 1, np.zeros(0), (), gate)

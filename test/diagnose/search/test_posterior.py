@@ -78,14 +78,13 @@ def test_alternatives_are_those_in_the_place_of_one_effect():
     chosen = explanation(['a', 'b'], 50.0)
     others = [explanation(['a', 'c'], 40.0), explanation(['b', 'c'], 45.0),
               explanation(['a'], 10.0)]
-    assert posterior._instead(chosen, others, 'b', 30.0) == {'c': Features(20.0, 0.0)}
-    assert posterior._instead(chosen, others, 'a', 20.0) == {'c': Features(15.0, 0.0)}
+    assert posterior._instead(chosen, others, 'b') == {'c': -10.0}
+    assert posterior._instead(chosen, others, 'a') == {'c': -5.0}
 
 
 def test_a_further_recording_continues_from_what_was_as_likely():
     features = {'wrench_delay': Features(90.0, 4.0)}
-    first = posterior.Posterior(None, (), (), features, {
-        'wrench_delay': {'wrench_lowpass': Features(90.4, 4.0)}})
+    first = posterior.Posterior(None, (), (), features, {'wrench_delay': {'wrench_lowpass': 0.4}})
     document = to_document(Diagnosis('ambiguous', '', (NamedEffect('wrench_delay', {
         'delay': Parameter(0.004, 1e-4, 's')}, 0.5),), earlier=first.earlier()), {}, None)
     earlier = _from_document(json.loads(json.dumps(document))).earlier
