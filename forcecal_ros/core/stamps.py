@@ -140,9 +140,8 @@ def _around(t: Array, number: NDArray[np.intp]) -> Jitter:
     """Measure stamps against samples that are numbered so."""
     periods = (t[SPAN:] - t[:-SPAN]) / (number[SPAN:] - number[:-SPAN])
     # of long bursts a span has one gap more or less; one with a pause counts for nothing
-    gap = float(np.quantile(np.diff(t), 1.0 - LEAST_LATE)) / SPAN
-    usual = np.abs(periods - np.median(periods)) < 1.5 * gap
-    period = float(np.mean(periods[usual]))
+    gap = np.quantile(np.diff(t), 1.0 - LEAST_LATE) / SPAN
+    period = float(np.mean(periods[np.abs(periods - np.median(periods)) < 1.5 * gap]))
     line = t - period * number
     off = np.abs(line - uniform_filter1d(line, SPAN, mode='reflect'))
     return Jitter(period, 1.4826 * float(np.median(off)), number)

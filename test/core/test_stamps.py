@@ -72,6 +72,14 @@ def test_bursts_of_eight_are_spread_out():
     assert np.ptp(np.diff(even)[1000:-1000]) < 0.1 * PERIOD
 
 
+@pytest.mark.parametrize('size', [2, 10, 20, 40])
+def test_the_period_of_bursts_is_that_of_the_sensor(size):
+    n = 12_000
+    last = PERIOD * (np.arange(n) // size * size + size - 1)
+    period = jitter_of(last + 1e-5 * (np.arange(n) % size)).period
+    assert period == pytest.approx(PERIOD, rel=2e-3)
+
+
 def test_a_pause_stays_a_pause_and_what_comes_after_it_stays_late():
     t = regular()
     kept = np.r_[t[:7000], t[7050:]]

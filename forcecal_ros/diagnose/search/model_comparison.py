@@ -106,6 +106,8 @@ class Candidate(NamedTuple):
         When it acts, if not all the time.
     nested : tuple of Candidate
         The same effect with other shapes absent; which of them is likelier, the fits show.
+    otherwise : Candidate, optional
+        The same effect all the time, or in one recording, if no instant is located.
     """
 
     effect: Accepted
@@ -115,6 +117,7 @@ class Candidate(NamedTuple):
     scales: Scales
     gate: Gate | None = None
     nested: tuple['Candidate', ...] = ()
+    otherwise: 'Candidate | None' = None
 
 
 class _Level(NamedTuple):

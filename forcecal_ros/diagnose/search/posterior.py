@@ -63,8 +63,8 @@ MISLED = 0.05
 """
 Share of what the likeliest explanation brings by which another may fall short for its lines.
 
-A wrench that is 6 ms late was a low-pass: its delay fell short by 2.6 %, and by less than 1 % about
-lines of its own.
+A wrench that is 6 ms late was a low-pass: its delay fell short by 2.6 %, and by less than 1 %
+about lines of its own.
 """
 
 
@@ -176,10 +176,10 @@ class _Table:
             before = dict(found)
             for t in reversed(some):
                 other = before.get(t.effect.name)
-                if other is None or t.evidence > other.evidence + WORTH:
-                    # an instant that the recording does not locate is none
-                    found[t.effect.name] = t if other is None else t._replace(
-                        nested=(*t.nested, other, *other.nested))
+                if other is None:
+                    found[t.effect.name] = t
+                elif t.evidence > other.evidence + WORTH:
+                    found[t.effect.name] = t._replace(otherwise=other)
         return sorted((t._replace(evidence=t.evidence - model.earlier.of(taken)
                                   + model.earlier.of({*taken, t.effect.name}))
                        for t in found.values()), key=lambda t: -t.evidence)
@@ -225,10 +225,14 @@ def extended(parent: Explanation, table: _Table, known: set[frozenset[str]],
         names = parent.names | {t.effect.name}
         if names not in known:
             known.add(names)
-            fits += [(one, _continued(now, one, begun if one is t else None))
-                     for one in (t, *t.nested) if one.evidence > WORTHWHILE]
-    return [weigh(fit, {**parent.ways, t.effect.name: float(np.log(t.ways))})
-            for t, fit in fits if fit is not None]
+            for one in (one for one in (t, *t.nested) if one.evidence > WORTHWHILE):
+                fit, other = _continued(now, one, begun if one is t else None), one.otherwise
+                if fit is None and other and other.evidence > max(least, WORTHWHILE):
+                    one, fit = other, _continued(now, other, None)
+                if fit:
+                    fits.append(weigh(fit, {**parent.ways, one.effect.name: float(
+                        np.log(one.ways))}))
+    return fits
 
 
 def _by_first_step(parent: Explanation, likely: Sequence[Candidate]

@@ -87,8 +87,8 @@ def test_where_a_fit_ended_a_simulator_is_run_and_its_lines_are_those_of_there(
     assert model.done == done and (found is now) == ('linearised' not in done)
 
 
-def test_what_may_act_for_a_part_of_the_time_is_fitted_all_the_time_as_well(monkeypatch):
-    """For example where the instant that it is screened at is none that a recording locates."""
+@pytest.mark.parametrize('located', [True, False])
+def test_where_a_recording_locates_no_instant_an_effect_acts_all_the_time(monkeypatch, located):
     always = [candidate('kp', 7.0, None), candidate('kv', 60.0, None)]
     begins = [candidate('kp', 42.0, 'gate'), candidate('kv', 61.0, 'gate')]
     table = posterior._Table.__new__(posterior._Table)
@@ -98,12 +98,13 @@ def test_what_may_act_for_a_part_of_the_time_is_fitted_all_the_time_as_well(monk
     now = type('Fit', (), {'model': model, 'accepted': [], 'comparison': lambda self: type(
         'C', (), {'screen': lambda self, found: always})()})()
     first, second = table.candidates(now)
-    assert (first.effect.name, first.gate, first.nested) == ('kv', None, ())
-    assert (second.gate, second.nested) == ('gate', (always[0],))
-    monkeypatch.setattr(posterior, '_continued', lambda now, t, begun: t)
+    assert (first.effect.name, first.gate, first.otherwise) == ('kv', None, None)
+    assert (second.effect.name, second.gate, second.otherwise) == ('kp', 'gate', always[0])
+    monkeypatch.setattr(posterior, '_continued', lambda now, t, begun: (
+        t if located or not t.gate else None))
     monkeypatch.setattr(posterior, 'weigh', lambda fit, ways: fit)
-    parent = Explanation(now, 0.0, 0.0)
-    assert posterior.extended(parent, table, set()) == [first, second, always[0]]
+    found = posterior.extended(Explanation(now, 0.0, 0.0), table, set())
+    assert found == [first, second if located else always[0]]
 
 
 def test_rivals_are_weighed_about_lines_of_their_own(monkeypatch):
