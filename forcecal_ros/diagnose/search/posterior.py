@@ -370,9 +370,7 @@ def _linearised_anew(now: Explanation) -> Explanation:
 def _with_refitted_noise(best: Explanation) -> Explanation:
     """Fit the noise to the residual, and everything beside that noise, linearised there."""
     model = replace(best.fit.model)
-    rig, simulation = model.current(), model.datasets[0].simulation
-    if any(n.name in model.released and n.acts_on == 'rig'
-           and simulation.tangent(rig, n.name) is None for n in model.nuisances):
+    if any(n.name in model.released and n.acts_on == 'rig' for n in model.nuisances):
         model.linearise()  # a wall that is elsewhere bends what all others do
         model = (joint_fit_if_finite(model, best.fit.accepted) or best.fit).model
     model.refit_noise(np.zeros(len(model.nuisances)))
