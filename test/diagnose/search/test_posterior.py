@@ -63,7 +63,7 @@ def test_what_takes_the_place_of_an_effect_brings_half_as_much_and_is_fitted_onc
     lost, fitted = 100.0, []
     table = type('Table', (), {'candidates': lambda self, now: [
         type('T', (), {'effect': type('E', (), {'name': name}), 'evidence': share * lost,
-                       'gate': None, 'ways': 1, 'nested': ()})
+                       'gate': None, 'ways': 1, 'nested': (), 'otherwise': None})
         for name, share in (('known', 2.0), ('more', 0.6), ('less', 0.4))]})()
     monkeypatch.setattr(posterior, '_without', lambda start, now, name: explanation(
         sorted(now.names - {name}), -lost))
