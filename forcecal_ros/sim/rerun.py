@@ -4,7 +4,7 @@ A simulator that can be run again, as what a diagnosis changes and compares a re
 Running it is expensive. So its streams are linear in the parameters about the nearest point where
 it was run; the slope in each parameter is that of the nearest point at which it was changed.
 Where a fit settles it is run, and parameters that went far are changed there; at the likeliest
-explanation all are.
+explanations all are.
 A diagnosis runs it a limited number of times.
 """
 
@@ -123,9 +123,11 @@ class Runs:
     def _try(self, here: Recording, numbers: Numbers, i: int) -> Change:
         """Run it with another value of a parameter, so near or to that side that it acts."""
         p = self.simulator.parameters[i]
-        # a secant would be no tangent, and a limit acts where it is lower
-        steps = [step for step in (CLOSE * p.sigma, -CLOSE * p.sigma, -p.sigma)
-                 if p.low < numbers[i] + step <= p.high] or [-CLOSE * p.sigma]
+        # at first a secant, as numbers may be far; where a fit led a tangent, which alone shows how
+        # two numbers trade; a limit acts where it is lower
+        size = CLOSE * p.sigma if self._whole else p.sigma
+        steps = [step for step in (size, -size, -p.sigma)
+                 if p.low < numbers[i] + step <= p.high] or [-size]
         change: Change = {}
         for step in steps:
             change = self._changed(here, numbers, i, step)

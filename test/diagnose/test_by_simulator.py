@@ -150,6 +150,21 @@ class Product:
         return {'wrench': (T, np.full((len(T), 6), a * b + c)), 'pose': POSE}
 
 
+class Square(Product):
+    """Its force is the square of a number."""
+
+    def simulate(self, inputs, parameters):
+        return {'wrench': (T, np.full((len(T), 6), parameters['a'] ** 2)), 'pose': POSE}
+
+
+def test_lines_are_secants_at_first_and_tangents_where_a_fit_led():
+    simulator = third_party('square', Square())
+    runs = Runs(simulator, INPUTS, simulator.run(INPUTS, (1.0,) * 3).pose)
+    for tried, a, force in ((runs.try_all, 1.0, 1.21), (runs.try_about, 2.0, 4.0 + 0.1 * 4.01)):
+        tried((a, 1.0, 1.0))
+        assert runs.at((a + 0.1, 1.0, 1.0)).wrench.values[0, 0] == pytest.approx(force)
+
+
 def test_where_a_fit_settles_it_is_run_and_what_went_far_is_tried_anew():
     simulator = third_party('product', Product())
     runs = Runs(simulator, INPUTS, simulator.run(INPUTS, (1.0,) * 3).pose)
