@@ -123,8 +123,8 @@ class Runs:
     def _try(self, here: Recording, numbers: Numbers, i: int) -> Change:
         """Run it with another value of a parameter, so near or to that side that it acts."""
         p = self.simulator.parameters[i]
-        # at first a secant, as numbers may be far; where a fit led a tangent, which alone shows how
-        # two numbers trade; a limit acts where it is lower
+        # at first a secant, as numbers may be far; where a fit led a tangent, which shows how two
+        # numbers trade; a limit acts where it is lower
         size = CLOSE * p.sigma if self._whole else p.sigma
         steps = [step for step in (size, -size, -p.sigma)
                  if p.low < numbers[i] + step <= p.high] or [-size]
