@@ -4,7 +4,7 @@ A simulator that can be run again, as what a diagnosis changes and compares a re
 Running it is expensive. So its streams are linear in the parameters about the nearest point where
 it was run; the slope in each parameter is that of the nearest point at which it was changed.
 Where a fit settles it is run, and parameters that went far are changed there; at the likeliest
-explanations all are.
+explanation all are.
 A diagnosis runs it a limited number of times.
 """
 
@@ -126,7 +126,7 @@ class Runs:
         # at first a secant, as numbers may be far; where a fit led a tangent, which shows how two
         # numbers trade; a limit acts where it is lower
         size = CLOSE * p.sigma if self._whole else p.sigma
-        steps = [step for step in (size, -size, -p.sigma)
+        steps = [step for step in dict.fromkeys((size, -size, -p.sigma))
                  if p.low < numbers[i] + step <= p.high] or [-size]
         change: Change = {}
         for step in steps:

@@ -9,7 +9,7 @@ import pytest
 PACKAGE = Path(__file__).resolve().parents[2] / 'forcecal_ros'
 
 BUDGETS = {
-    'calibrate': 2094, 'checks': 1699, 'cli': 2755, 'core': 2138, 'diagnose': 5276,
+    'calibrate': 2094, 'checks': 1699, 'cli': 2755, 'core': 2138, 'diagnose': 5265,
     'effects': 737, 'impedance': 719, 'insitu': 1919, 'io': 2479, 'motion': 1432,
     'nodes': 3419, 'observe': 2709, 'report': 1848, 'rig_fit': 478, 'sim': 2779}
 """Code lines; less is better: lower a number with the code."""
@@ -17,7 +17,7 @@ BUDGETS = {
 MOST_AT_ROOT = 249
 """Code lines of the modules next to the packages: the interface from Python."""
 
-MOST_FILES, MOST_CONSTANTS = 231, 379
+MOST_FILES, MOST_CONSTANTS = 231, 378
 """Of the whole package; a constant is a number bound to an upper-case name of a module."""
 
 FILES = sorted(PACKAGE.rglob('*.py'))

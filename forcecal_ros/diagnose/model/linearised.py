@@ -276,14 +276,6 @@ class LinearisedModel:
                     self._tangents[i][j] = tangent
         self.evaluate()
 
-    @property
-    def is_linearised_here(self) -> bool:
-        """Whether the columns are those of the points nearest to the centre."""
-        rig = self.current(self._always(self.effects))
-        return all(c.simulation.tangent(rig, n.name) == tangent
-                   for c, own in zip(self.datasets, self._tangents)
-                   for n, tangent in zip(self.nuisances, own) if n.acts_on == 'rig')
-
     def _column(self, dataset: int, j: int, tangent: Hashable, rig: Rig, base: Signals,
                 residual: Array) -> Column:
         """Return the column of a nuisance, the one of before where that holds wherever it is."""

@@ -35,7 +35,10 @@ MANY = 4
 """Parameters of an effect from which also fewer are tried, at most so many."""
 
 WORTHWHILE = 3.0
-"""Log-evidence that each further parameter of an effect has to bring."""
+"""
+Log-evidence that each further parameter of an effect has to bring, an effect by the linear screen
+to be fitted, and a fit about lines taken anew for them to be taken once more.
+"""
 
 CHANCE = 4.0
 """Standard deviations by which a sum of squares may exceed its mean by chance."""

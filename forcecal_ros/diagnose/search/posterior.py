@@ -59,14 +59,6 @@ WORTH = 8.0
 SHADOW = 0.5
 """Share of what an effect brought that another has to bring in its place, by the linear screen."""
 
-MISLED = 0.05
-"""
-Share of what the likeliest explanation brings by which another may fall short for its lines.
-
-A wrench that is 6 ms late was a low-pass: its delay fell short by 2.6 %, and by less than 1 %
-about lines of its own.
-"""
-
 
 class Explanation(NamedTuple):
     """
@@ -219,20 +211,20 @@ def extended(parent: Explanation, table: _Table, known: set[frozenset[str]],
         Log-evidence that an effect has to bring by the linear screen, ``WORTHWHILE`` in any case:
         from there, its fit may lead to what is worth its place.
     """
-    now, fits = parent.fit, []
-    likely = [t for t in table.candidates(now) if t.evidence > max(least, WORTHWHILE)]
+    now, least, fits = parent.fit, max(least, WORTHWHILE), []
+    likely = [t for t in table.candidates(now) if t.evidence > least]
     for t, begun in _by_first_step(parent, likely):
         names = parent.names | {t.effect.name}
-        if names not in known:
-            known.add(names)
-            for one in (one for one in (t, *t.nested) if one.evidence > WORTHWHILE):
-                fit, other = _continued(now, one, begun if one is t else None), one.otherwise
-                if fit is None and other and other.evidence > max(least, WORTHWHILE):
-                    one, fit = other, _continued(now, other, None)
-                if fit:
-                    fits.append(weigh(fit, {**parent.ways, one.effect.name: float(
-                        np.log(one.ways))}))
-    return fits
+        if names in known:
+            continue
+        known.add(names)
+        for one in (t, *(n for n in t.nested if n.evidence > WORTHWHILE)):
+            fit, other = _continued(now, one, begun if one is t else None), one.otherwise
+            if fit is None and other and other.evidence > least:
+                one, fit = other, _continued(now, other, None)
+            fits.append((one, fit))
+    return [weigh(fit, {**parent.ways, t.effect.name: float(np.log(t.ways))})
+            for t, fit in fits if fit is not None]
 
 
 def _by_first_step(parent: Explanation, likely: Sequence[Candidate]
@@ -352,18 +344,16 @@ def _all_the_time(now: Explanation) -> Explanation:
 
 
 def _linearised_anew(now: Explanation) -> Explanation:
-    """Linearise a simulator in all its numbers where a fit ended, if that is far, and fit on."""
+    """Run a simulator where a fit ended, linearise it in all its numbers if far, and fit on."""
     model = replace(now.fit.model)
-    ran = model.settle(whole=True) or model.settle()
-    if not ran and model.is_linearised_here:
+    if not (model.settle(whole=True) or model.settle()):
         return now
     model.linearise()
     before = model.log_posterior()
     fit = joint_fit_if_finite(model, now.fit.accepted)
     if fit is None:
         return now
-    anew = weigh(fit, now.ways)
-    further = ran and fit.model.log_posterior() > before + WORTHWHILE
+    anew, further = weigh(fit, now.ways), fit.model.log_posterior() > before + WORTHWHILE
     return _linearised_anew(anew) if further else anew
 
 
@@ -401,15 +391,12 @@ def _likeliest(pool: Sequence[Explanation]) -> list[Explanation]:
 
 def _weighed_beside(start: LinearisedModel, best: Explanation, table: _Table
                     ) -> list[Explanation]:
-    """Add effects to what is explained, the likeliest linearised where their fits ended."""
+    """Add effects to what is explained, the likeliest linearised where its fit ended."""
     known: set[frozenset[str]] = set()
     children = _likeliest(extended(best, table, known))
     if not children:
         return []
-    short = MISLED * (children[0].evidence - best.evidence)
-    rivals = [_linearised_anew(one) for one in children
-              if one.evidence >= children[0].evidence - short]
-    children = _likeliest([*rivals, *children])
+    children = _likeliest([_linearised_anew(children[0]), *children])
     return _likeliest([*children, *_exchanged(start, children[0], table, known)])
 
 
@@ -444,8 +431,8 @@ def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
             best = _completed(_with_refitted_noise(chosen))
         elif best.names or (anew := _linearised_anew(best)) is best:
             break
-        else:
-            start = best = anew
+        else:  # what came closest was that to another explanation
+            start, best, features, alternatives, closest = anew, anew, {}, {}, None
     return Posterior(best.fit.model, tuple(best.fit.accepted), tuple(best.fit.jacobians),
                      features, alternatives, best.fit.comparison().discrepancy_evidence,
                      {name: instant_of(best.fit, name) for name in best.names

@@ -51,8 +51,8 @@ def test_a_number_that_was_left_out_is_estimated_where_the_fit_has_come_to(model
 class Bent:
     """A model whose lines end where its fit did, until it is run there."""
 
-    def __init__(self, runs, linear):
-        self.runs, self.linear, self.done = runs, linear, []
+    def __init__(self, runs):
+        self.runs, self.done = runs, []
 
     def __copy__(self):
         return self
@@ -61,10 +61,6 @@ class Bent:
         self.done.append('tried' if whole else 'run')
         return ('tried' if whole else 'run') in self.runs
 
-    @property
-    def is_linearised_here(self):
-        return self.linear
-
     def linearise(self):
         self.done.append('linearised')
 
@@ -72,12 +68,12 @@ class Bent:
         return 0.0
 
 
-@pytest.mark.parametrize('runs, linear, done', [
-    ((), True, ['tried', 'run']), ((), False, ['tried', 'run', 'linearised']),
-    (('run',), True, ['tried', 'run', 'linearised']), (('tried',), True, ['tried', 'linearised'])])
+@pytest.mark.parametrize('runs, done', [
+    ((), ['tried', 'run']), (('run',), ['tried', 'run', 'linearised']),
+    (('tried',), ['tried', 'linearised'])])
 def test_where_a_fit_ended_a_simulator_is_run_and_its_lines_are_those_of_there(
-        monkeypatch, runs, linear, done):
-    model = Bent(runs, linear)
+        monkeypatch, runs, done):
+    model = Bent(runs)
     monkeypatch.setattr(posterior, 'replace', lambda model: model)
     monkeypatch.setattr(posterior, 'weigh', lambda fit, ways: Explanation(fit, 20.0, 0.0))
     fit = model_comparison.JointFit(model, [], [])
@@ -107,23 +103,29 @@ def test_where_a_recording_locates_no_instant_an_effect_acts_all_the_time(monkey
     assert found == [first, second if located else always[0]]
 
 
-def test_rivals_are_weighed_about_lines_of_their_own(monkeypatch):
-    def one(name, evidence):
-        fit = type('Fit', (), {'accepted': [type('A', (), {'name': name})],
-                               'model': type('M', (), {'gates': {}})})
+def test_what_came_closest_is_forgotten_where_nothing_is_linearised_anew(monkeypatch):
+    """What looked like an effect far from where a simulator was tried may be a number of it."""
+    def one(evidence, *names):
+        model = type('M', (), {'gates': {}})
+        fit = type('Fit', (), {
+            'accepted': [type('A', (), {'name': name}) for name in names], 'jacobians': (),
+            'model': model, 'comparison': lambda self: type('C', (), {
+                'discrepancy_evidence': 0.0})})()
         return Explanation(fit, evidence, 0.0)
 
-    best = one('nothing', 0.0)
-    monkeypatch.setattr(posterior, 'extended', lambda best, table, known: [
-        one('delay', 960.0), one('low-pass', 1000.0), one('gain', 940.0)])
-    monkeypatch.setattr(posterior, '_exchanged', lambda *given: [])
-    monkeypatch.setattr(posterior, '_linearised_anew', lambda e: e._replace(
-        evidence=e.evidence + 100.0 * ('delay' in e.names)))
-    found = posterior._weighed_beside(None, best, None)
-    assert [(*e.names, e.evidence) for e in found] == [
-        ('delay', 1060.0), ('low-pass', 1000.0), ('gain', 940.0)]
-    monkeypatch.setattr(posterior, 'MISLED', 0.0)
-    assert posterior._weighed_beside(None, best, None)[0].names == {'low-pass'}
+    nothing, anew, unlikely = one(0.0), one(90.0), one(5.0, 'kp')
+    monkeypatch.setattr(posterior, '_Table', lambda model, found: None)
+    monkeypatch.setattr(posterior, 'weigh', lambda fit: nothing)
+    monkeypatch.setattr(posterior, '_weighed_beside', lambda start, best, table: (
+        [unlikely] if best is nothing else []))
+    monkeypatch.setattr(posterior, '_chosen', lambda start, found, best: (
+        unlikely, {'kp': posterior.Features(5.0, 0.0)}))
+    for after, features in ((nothing, {'kp'}), (anew, set())):
+        monkeypatch.setattr(posterior, '_linearised_anew', lambda e, after=after: (
+            after if e is nothing else e))
+        found = posterior.search(nothing.fit.model, [])
+        assert set(found.features) == features
+        assert (found.closest is unlikely.fit) == bool(features)
 
 
 def test_effects_are_chosen_by_the_first_step_of_their_fits(monkeypatch):
