@@ -1,6 +1,7 @@
 """One robust linear fit with standard errors of blocks, derivatives and a filter's gain."""
 
 from collections.abc import Callable
+from functools import cache
 from typing import NamedTuple
 
 from forcecal_ros.core.errors import UnobservableError
@@ -39,17 +40,22 @@ class RobustFit(NamedTuple):
     Attributes
     ----------
     theta : ndarray, shape (k,)
-    covariance : ndarray, shape (k, k)
-        Sandwich over blocks, scaled so that 1.96 standard errors to either side hold 95 %.
     residual : ndarray, shape (n, c, d)
     scale : ndarray, shape (g, c)
         Of one channel's residual in each group of rows and of channels.
+    sandwich : callable
+        Takes as long as the fit itself, and many a fit is only compared with others.
     """
 
     theta: Array
-    covariance: Array
     residual: Array
     scale: Array
+    sandwich: Callable[[], Array]
+
+    @property
+    def covariance(self) -> Array:
+        """Sandwich over blocks (k, k): 1.96 standard errors to either side hold 95 %."""
+        return self.sandwich()
 
     @property
     def std(self) -> Array:
@@ -86,12 +92,8 @@ def robust_fit(X: Array, y: Array, prior: Array | None = None, blocks: int = BLO
     """
     n, d, k = len(y), channels, X.shape[2]
     c = y.shape[1] // d
-    members = np.ones((1, n), dtype=bool)
-    if groups is None:
-        groups = np.zeros(n, dtype=np.intp)
-    else:
-        groups = np.unique(groups, return_inverse=True)[1]
-        members = np.arange(groups.max() + 1)[:, None] == groups  # (g, n)
+    groups = np.unique(np.zeros(n) if groups is None else groups, return_inverse=True)[1]
+    members = np.arange(groups.max(initial=0) + 1)[:, None] == groups  # (g, n)
     each = members.astype(float)
     size = np.sqrt(np.einsum('nij,nij->j', X, X) / n) + 1e-150
     X, y = (X / size).reshape(-1, d, k), y.reshape(n, c, d)
@@ -101,18 +103,15 @@ def robust_fit(X: Array, y: Array, prior: Array | None = None, blocks: int = BLO
     noise_of, about = _weighing(D), about * size * np.ones(k)
     X, D = X.reshape(-1, k), D.reshape(-1, k)
 
-    def normal_of(weight: Array, bend: Array) -> tuple[Array, Array, Array]:
-        A = squares_of(weight)
-        normal, shown = A[:k, :k], np.eye(k)
-        if noise is not None:
-            normal, shown = _less_noise(normal, noise_of(weight), noise_of(bend), len(X))
-        return normal, shown @ (A[:k, k] - A[:k, :k] @ about) + normal @ about, shown
-
     weight = bend = np.ones((n, c)) / np.maximum(np.var(y, axis=(0, 2)), 1e-300)
     scale = np.zeros((len(members), c))
     for _ in range(50):
         before = scale
-        normal, moment, shown = normal_of(weight, bend)
+        A = squares_of(weight)
+        normal, shown = A[:k, :k], np.eye(k)
+        if noise is not None:
+            normal, shown = _less_noise(normal, noise_of(weight), noise_of(bend), len(X))
+        moment = shown @ (A[:k, k] - A[:k, :k] @ about) + normal @ about
         ridge = np.diag(stated + RIDGE * normal.diagonal().max())
         theta = np.linalg.solve(normal + ridge, moment)
         residual = y - np.einsum('ij,j->i', X, theta).reshape(n, c, d)
@@ -128,29 +127,32 @@ def robust_fit(X: Array, y: Array, prior: Array | None = None, blocks: int = BLO
         bend = weight * np.maximum(1 - 2 * unit / (d * (freedom + unit)), 0.1)
         if before.any() and np.all(np.abs(scale - before) < tolerance * scale):
             break
-    score = X * (weight[:, :, None] * residual).reshape(-1, 1)
-    if noise is not None:
-        score += D * (np.repeat(bend, d) * (D @ (theta - about)))[:, None]
-    score = score.reshape(n, -1, k).sum(axis=1)
-    edges = np.linspace(0, n, min(blocks, n) + 1).astype(int)[:-1]
-    sums = np.add.reduceat(score, edges, axis=0)
-    # a row's slope depends on its own residual, so that its mean over block and group is taken
-    block = np.repeat(np.arange(len(edges)), np.diff(np.append(edges, n)))
-    cell = len(members) * block + groups
-    slope = np.stack([np.bincount(cell, part) for part in bend.T], axis=1)
-    slope = (slope / np.maximum(np.bincount(cell), 1)[:, None])[cell]
-    rows = X.reshape(n, -1, k) * np.sqrt(np.repeat(slope, d, axis=1))[:, :, None]
-    squares = np.stack([part.reshape(-1, k).T @ part.reshape(-1, k)
-                        for part in np.split(rows, edges[1:])])
-    normal, shown = squares.sum(axis=0), np.eye(k)
-    if noise is not None:
-        part = noise_of(slope)
-        normal, shown = _less_noise(normal, part, part, len(X))
-    inverse = np.linalg.inv(normal + ridge)
-    with np.errstate(over='ignore'):
-        covariance = (_covariance(inverse, sums @ shown.T, shown @ squares @ shown.T, ridge)
-                      + inverse @ ridge @ inverse) / np.outer(size, size)
-    return RobustFit(theta / size, covariance, residual, np.sqrt(scale))
+
+    def sandwich() -> Array:
+        score = X * (weight[:, :, None] * residual).reshape(-1, 1)
+        if noise is not None:
+            score += D * (np.repeat(bend, d) * (D @ (theta - about)))[:, None]
+        score = score.reshape(n, -1, k).sum(axis=1)
+        edges = np.linspace(0, n, min(blocks, n) + 1).astype(int)[:-1]
+        sums = np.add.reduceat(score, edges, axis=0)
+        # a row's slope depends on its own residual, so that its mean over block and group is taken
+        block = np.repeat(np.arange(len(edges)), np.diff(np.append(edges, n)))
+        cell = len(members) * block + groups
+        slope = np.stack([np.bincount(cell, part) for part in bend.T], axis=1)
+        slope = (slope / np.maximum(np.bincount(cell), 1)[:, None])[cell]
+        rows = X.reshape(n, -1, k) * np.sqrt(np.repeat(slope, d, axis=1))[:, :, None]
+        squares = np.stack([part.reshape(-1, k).T @ part.reshape(-1, k)
+                            for part in np.split(rows, edges[1:])])
+        normal, shown = squares.sum(axis=0), np.eye(k)
+        if noise is not None:
+            part = noise_of(slope)
+            normal, shown = _less_noise(normal, part, part, len(X))
+        inverse = np.linalg.inv(normal + ridge)
+        with np.errstate(over='ignore'):
+            covariance = _covariance(inverse, sums @ shown.T, shown @ squares @ shown.T, ridge)
+            return np.asarray((covariance + inverse @ ridge @ inverse) / np.outer(size, size))
+
+    return RobustFit(theta / size, residual, np.sqrt(scale), cache(sandwich))
 
 
 def _covariance(inverse: Array, sums: Array, squares: Array, ridge: Array) -> Array:
