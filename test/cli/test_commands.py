@@ -137,7 +137,8 @@ def test_a_fault_without_an_option_has_its_remedy_next(
     assert fault in document['fault'] and document['next'] == [remedy]
 
 
-@pytest.mark.parametrize('scale', [None, 2.0], ids=['wrench', 'raw channels'])
+@pytest.mark.parametrize('scale', [
+    pytest.param(None, id='wrench', marks=pytest.mark.long), pytest.param(2.0, id='raw channels')])
 def test_removed_samples_reach_the_calibration_and_its_report(
         brief, tmp_path, recording, scale):
     values = recording.wrench.values / (scale or 1.0)

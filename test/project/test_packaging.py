@@ -17,6 +17,7 @@ from forcecal_ros import entry
 from forcecal_ros.cli.node import NODES
 from forcecal_ros.core.extras import BESIDE_APT
 import pytest
+from sources import parsed
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = 'forcecal_ros'
@@ -59,7 +60,7 @@ def _imported():
     """Return the top-level names that the package imports from elsewhere."""
     names = set()
     for path in (ROOT / PACKAGE).rglob('*.py'):
-        for node in ast.walk(ast.parse(path.read_text())):
+        for node in ast.walk(parsed(path)):
             if isinstance(node, ast.Import):
                 names.update(alias.name.split('.')[0] for alias in node.names)
             elif isinstance(node, ast.ImportFrom) and node.module and not node.level:

@@ -1,7 +1,6 @@
 """What a recording or a document says is data: no code, no markup, no place to write to."""
 
 import ast
-from functools import cache
 from pathlib import Path
 import re
 
@@ -12,6 +11,7 @@ from forcecal_ros.insitu import load_spec
 from forcecal_ros.io.bags import write_recording
 import numpy as np
 import pytest
+from sources import parsed
 
 SOURCE = Path(__file__).resolve().parents[2] / 'forcecal_ros'
 FORBIDDEN_NAMES = {'eval', 'exec', 'compile', '__import__', 'input'}
@@ -27,17 +27,12 @@ LISTENING = {('nodes/live.py', 'http.server')}
 """Tested by a browser, in ``test_live.py``."""
 
 
-@cache
-def syntax(path):
-    return [*ast.walk(ast.parse(path.read_text()))]
-
-
 def nodes(words='', folder=''):
     """Yield the syntax of the files in which a pattern is found."""
     for path in sorted((SOURCE / folder).rglob('*.py')):
         if re.search(words, path.read_text()):
-            for node in syntax(path):
-                yield path.relative_to(SOURCE), node
+            name = path.relative_to(SOURCE)
+            yield from ((name, node) for node in ast.walk(parsed(path)))
 
 
 def offences(node):
