@@ -18,7 +18,7 @@ HOLD_S, MOVE_S = 3.0, 1.5
 
 @pytest.mark.parametrize('seed, push, times', first(dict.fromkeys(
     [(0, 80.0, 1), (21, 0.0, 1), (21, 0.0, 3), *product((21, 22, 23), (80.0, 0.0), (1, 2, 3)),
-     *product(range(4), (80.0, 0.0), (1,))]), 3))
+     *product(range(4), (80.0, 0.0), (1,))]), 2))
 def test_a_jump_after_the_third_of_eight_poses(seed, push, times):
     one = log(seed, poses=8, hold=HOLD_S, move=MOVE_S, mass=0.95)
     at = 3 * (HOLD_S + MOVE_S) - MOVE_S / 2

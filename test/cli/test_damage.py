@@ -12,7 +12,7 @@ from hypothesis import given, HealthCheck, settings
 from hypothesis import strategies as st
 from insitu_leg import Leg, PROTOCOL, record
 from leg_files import write_leg
-from longer import first
+from longer import but, first
 import numpy as np
 import pytest
 from rosbags.rosbag2 import CompressionMode, Reader, StoragePlugin
@@ -39,13 +39,10 @@ def source(brief):
     return brief / 'bag'
 
 
-@pytest.fixture(scope='module')
-def files(folder, source):
-    intact = {}
-    for name, (storage, mode) in KINDS.items():
-        path = copy_bag(source, folder / name, storage, mode)
-        intact[name] = next(file for file in path.iterdir() if file.suffix != '.yaml')
-    return intact
+@pytest.fixture(scope='module', params=but(KINDS, ['chunks']))
+def intact(request, folder, source):
+    path = copy_bag(source, folder / request.param, *KINDS[request.param])
+    return next(file for file in path.iterdir() if file.suffix != '.yaml')
 
 
 def commands(folder, bag):
@@ -68,17 +65,16 @@ def answers_or_one_line(capsys, arguments):
     return status, out + said
 
 
-@pytest.mark.parametrize('kind', KINDS)
 @settings(max_examples=4, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
-def test_files_cut_short_or_with_flipped_bits(capsys, folder, files, kind, data):
-    content = bytearray(files[kind].read_bytes())
+def test_files_cut_short_or_with_flipped_bits(capsys, folder, intact, data):
+    content = bytearray(intact.read_bytes())
     if data.draw(st.booleans()):
         content = content[:data.draw(st.integers(0, len(content) - 1))]
     for bit in data.draw(st.lists(st.integers(0, max(0, 8 * len(content) - 1)), max_size=6)):
         if content:
             content[bit // 8] ^= 1 << bit % 8
-    path = folder / f'bad{files[kind].suffix}'
+    path = folder / f'bad{intact.suffix}'
     path.write_bytes(content)
     answers_or_one_line(capsys, data.draw(st.sampled_from(commands(folder, path))))
 
