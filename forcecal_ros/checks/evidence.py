@@ -445,7 +445,7 @@ def fit_part(columns: Array, values: Array) -> Fit:
     The scale is at least :data:`TRUE_TO` of the changes of the values.
     """
     n, _, k = columns.shape
-    fit = robust_fit(columns, values, tolerance=1e-3, freedom=FREEDOM)
+    fit = robust_fit(columns, values, blocks=0, tolerance=1e-3, freedom=FREEDOM)
     residual = fit.residual.reshape(n, 3)
     square = np.einsum('ni,ni->n', residual, residual)
     floor = TRUE_TO * float(np.median(np.linalg.norm(values - np.median(values, 0), axis=1)))

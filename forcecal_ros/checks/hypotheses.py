@@ -771,7 +771,7 @@ def _left(motion: Motion) -> float:
     """Scale of what weight, biases and further columns leave of the forces."""
     extra = [] if motion.extra is None else [motion.extra]
     columns = np.concatenate([motion.in_sensor[:, :, None], *extra, biases(motion)], axis=2)
-    fit = robust_fit(columns, motion.wrench[:, :3], tolerance=1e-2, freedom=FREEDOM)
+    fit = robust_fit(columns, motion.wrench[:, :3], blocks=0, tolerance=1e-2, freedom=FREEDOM)
     return float(fit.scale[0, 0])
 
 

@@ -69,7 +69,7 @@ def robust_fit(X: Array, y: Array, prior: Array | None = None, blocks: int = BLO
     prior : ndarray, shape (k,), or None
         Precision of a Gaussian prior about 0 of each unknown; None: none.
     blocks : int
-        Independent blocks of rows for the covariance.
+        Independent blocks of rows for the covariance; 0: it is not needed, and empty.
     tolerance : float
         Relative change of the scales at which iterations end.
     groups : ndarray of int, shape (n,), or None
@@ -128,6 +128,8 @@ def robust_fit(X: Array, y: Array, prior: Array | None = None, blocks: int = BLO
         bend = weight * np.maximum(1 - 2 * unit / (d * (freedom + unit)), 0.1)
         if before.any() and np.all(np.abs(scale - before) < tolerance * scale):
             break
+    if not blocks:
+        return RobustFit(theta / size, np.zeros((0, 0)), residual, np.sqrt(scale))
     score = X * (weight[:, :, None] * residual).reshape(-1, 1)
     if noise is not None:
         score += D * (np.repeat(bend, d) * (D @ (theta - about)))[:, None]
