@@ -552,13 +552,14 @@ class Products:
 
     def improve(self, evidence: Callable[[Gram], float], start: Scales) -> Scales:
         """Improve the scales of a discrepancy by log-evidence, stream by stream."""
-        best, most = start, evidence(self.at(start))
+        best, most, known = start, evidence(self.at(start)), {start}
         before: Scales = ()
         while best != before:
             before = best
             for i in self.streams():
                 for size in SCALES:
                     tried = (*best[:i], size, *best[i + 1:])
-                    if size != best[i] and (value := evidence(self.at(tried))) > most:
+                    if tried not in known and (value := evidence(self.at(tried))) > most:
                         best, most = tried, value
+                    known.add(tried)
         return best
