@@ -86,12 +86,8 @@ def robust_fit(X: Array, y: Array, prior: Array | None = None, blocks: int = BLO
     """
     n, d, k = len(y), channels, X.shape[2]
     c = y.shape[1] // d
-    members = np.ones((1, n), dtype=bool)
-    if groups is None:
-        groups = np.zeros(n, dtype=np.intp)
-    else:
-        groups = np.unique(groups, return_inverse=True)[1]
-        members = np.arange(groups.max() + 1)[:, None] == groups  # (g, n)
+    groups = np.unique(np.zeros(n) if groups is None else groups, return_inverse=True)[1]
+    members = np.arange(groups.max() + 1)[:, None] == groups  # (g, n)
     each = members.astype(float)
     size = np.sqrt(np.einsum('nij,nij->j', X, X) / n) + 1e-150
     X, y = (X / size).reshape(-1, d, k), y.reshape(n, c, d)
@@ -123,9 +119,10 @@ def robust_fit(X: Array, y: Array, prior: Array | None = None, blocks: int = BLO
         share = (freedom + d) / (freedom + square / scale[groups])
         scale = each @ (share * square) / (each @ share) / d  # sums of shares: Kent et al. 1994
         weight = share / scale[groups]
-        # mean slope of the weighted residual: the weight falls as the residual grows
-        unit = square / scale[groups]
-        bend = weight * np.maximum(1 - 2 * unit / (d * (freedom + unit)), 0.1)
+        if blocks or noise is not None:
+            # mean slope of the weighted residual: the weight falls as the residual grows
+            unit = square / scale[groups]
+            bend = weight * np.maximum(1 - 2 * unit / (d * (freedom + unit)), 0.1)
         if before.any() and np.all(np.abs(scale - before) < tolerance * scale):
             break
     if not blocks:

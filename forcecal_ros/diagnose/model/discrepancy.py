@@ -13,7 +13,7 @@ what is left.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from itertools import chain, combinations_with_replacement
+from itertools import chain, combinations_with_replacement, product
 from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
@@ -556,10 +556,9 @@ class Products:
         before: Scales = ()
         while best != before:
             before = best
-            for i in self.streams():
-                for size in SCALES:
-                    tried = (*best[:i], size, *best[i + 1:])
-                    if tried not in known and (value := evidence(self.at(tried))) > most:
-                        best, most = tried, value
-                    known.add(tried)
+            for i, size in product(self.streams(), SCALES):
+                tried = (*best[:i], size, *best[i + 1:])
+                if tried not in known and (value := evidence(self.at(tried))) > most:
+                    best, most = tried, value
+                known.add(tried)
         return best
