@@ -18,7 +18,7 @@ from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np
 import posterior_cases
 import pytest
-from rig_recordings import FREE, own_recording, swaying
+from rig_recordings import bare, FREE, own_recording, swaying
 
 
 def test_commands_that_come_unevenly_are_a_note_and_no_effect():
@@ -97,7 +97,7 @@ def _stepped(recording, channel, height):
 @pytest.mark.parametrize(('seed', 'channel', 'name', 'height'), [
     (8, 1, 'fy', 0.5), pytest.param(9, 0, 'fx', 3.0, marks=pytest.mark.long)])
 def test_a_step_of_bias_is_named_with_its_instant(seed, channel, name, height):
-    recording, instant = _stepped(own_recording(seed, FREE), channel, height)
+    recording, instant = _stepped(bare(own_recording(seed, FREE)), channel, height)
     diagnosis = RigSource(load_rig()).diagnose(recording).diagnosis
     assert diagnosis.verdict == 'identified'
     effect, = to_document(diagnosis, {c.name: c.unit for c in DIAGNOSED}, None)['effects']
@@ -123,6 +123,14 @@ def test_of_two_small_effects_neither_is_given_to_a_discrepancy():
     assert diagnosis.verdict == 'identified', diagnosis.reason
 
 
+def test_two_effects_are_named():
+    effects = {'tool_mass': {'change': 0.1}, 'wrench_crosstalk': {'fx_of_fz': 0.05}}
+    found = RigSource(load_rig()).diagnose(bare(own_recording(3, FREE[:5], effects))).diagnosis
+    assert found.verdict == 'identified'
+    assert {e.name for e in found.effects} == {*effects}
+
+
+@pytest.mark.long
 def test_two_effects_of_one_size_are_named():
     case = {'name': 'cable_force', 'size': 0.4, 'second': 'accel_gain', 'second_size': 0.4,
             'seed': 3}

@@ -29,19 +29,18 @@ def simulated(slide=0.02, absent=False):
     return robot(ABSENT if absent else None, seed=None, slide=slide)
 
 
-def touches(recording, slide=0.02, absent=False):
-    """Return the contact of both, and the simulation along the robot's motion."""
+def touches(recording, slide=0.02, absent=False, known=None):
+    """Return the contact of both, the simulation along the robot's motion, and its tool."""
     made = simulated(slide, absent)
-    dataset, tool = prepare_pair(recording, made, None, TOLERANCES)
+    dataset, tool = prepare_pair(recording, made, known, TOLERANCES)
     simulation = dataset.simulation
     assert isinstance(simulation, RecordedSimulation)
     return (touch_of_robot(recording, simulation, dataset.rig, simulation.touching),
-            touch_of_simulation(made, simulation, tool.simulated), simulation)
+            touch_of_simulation(made, simulation, tool.simulated), simulation, tool)
 
 
-def compared(recording, slide=0.02):
-    one, other, _ = touches(recording, slide)
-    return weigh(one, other)
+def compared(recording, slide=0.02, known=None):
+    return weigh(*touches(recording, slide, known=known)[:2])
 
 
 @cache
@@ -62,7 +61,7 @@ def weigh(one, other):
         ({'position': 1.278}, RUBS, 'wall_position', -0.002),
         ({}, 0.45, 'contact_friction', 0.15)))])
 def test_what_the_robots_surface_has_otherwise_is_named_with_its_size(wall, rubs, name, value):
-    found = compared(robot(wall, rubs))
+    found = compared(robot(wall, rubs), known=nearly_alike(3)[-1])
     effect, = found.effects
     (number,) = effect.parameters.values()
     assert effect.name == name
@@ -79,7 +78,7 @@ def test_what_the_robots_surface_has_otherwise_is_named_with_its_size(wall, rubs
 
 @pytest.mark.parametrize('seed', [3, *(pytest.param(n, marks=pytest.mark.long) for n in (4, 5))])
 def test_surfaces_that_are_alike_have_no_name(seed):
-    *both, simulation = nearly_alike(seed)
+    *both, simulation, _ = nearly_alike(seed)
     found = weigh(*both)  # friction differs by less than its tolerance
     assert not found.effects and not found.not_identified
     stiffness, damping, _, friction = found.numbers[0]
@@ -121,7 +120,8 @@ def test_without_motion_along_the_surface_its_friction_is_not_known():
     'robot', pytest.param('simulation', marks=pytest.mark.long)])
 def test_contact_of_one_alone_is_a_gap_that_the_verdict_states(absent):
     real = robot(ABSENT if absent == 'robot' else None)
-    *both, simulation = touches(real, absent=absent == 'simulation')
+    known = nearly_alike(3)[-1] if absent == 'robot' else None
+    *both, simulation, _ = touches(real, absent=absent == 'simulation', known=known)
     found = weigh(*both)
     assert found.one_sided
     assert 0.004 * simulation.touching.sum() == pytest.approx(7.1, abs=0.4)
@@ -134,7 +134,7 @@ def test_contact_of_one_alone_is_a_gap_that_the_verdict_states(absent):
 
 def test_a_force_as_soft_as_a_cable_is_no_contact_of_the_robot_alone():
     soft = robot({'stiffness': 300.0, 'position': 1.26})
-    *_, simulation = touches(soft, absent=True)
+    *_, simulation, _ = touches(soft, absent=True)
     assert not simulation.touching.any()
 
 
@@ -160,7 +160,7 @@ def test_a_depth_that_does_not_follow_the_force_is_no_law():
 
 
 def test_motion_without_contact_has_none_to_compare():
-    _, touch, _ = nearly_alike(3)
+    _, touch, *_ = nearly_alike(3)
     none = touch._replace(**{name: getattr(touch, name)[:0] for name in Touch._fields[:-1]})
     found = weigh(none, none)
     assert with_contact(FREE, found).reason.endswith(
@@ -169,7 +169,7 @@ def test_motion_without_contact_has_none_to_compare():
 
 
 def test_forces_of_several_directions_are_no_law_and_the_verdict_states_it():
-    _, touch, _ = nearly_alike(3)
+    _, touch, *_ = nearly_alike(3)
     # the second half pushes the other way
     ways = np.where(np.arange(len(touch.force)) < 0.5 * len(touch.force), 1.0, -1.0)
     turned = touch._replace(force=ways[:, np.newaxis] * touch.force)

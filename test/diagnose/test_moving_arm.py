@@ -46,7 +46,7 @@ SINGLE = {'tool_mass': ('change', 0.05, lambda s: moving(201, 1.05 * MASS, secon
 
 
 @pytest.mark.parametrize('name', first(SINGLE))
-@pytest.mark.parametrize('seconds', first([30.0, 285.0]))
+@pytest.mark.parametrize('seconds', first([10.0, 285.0]))
 def test_an_effect_is_named_and_gains_stay_however_long_the_recording(tool, name, seconds):
     parameter, size, make = SINGLE[name]
     outcome = found(tool, make(seconds)).outcome
@@ -59,7 +59,7 @@ def test_an_effect_is_named_and_gains_stay_however_long_the_recording(tool, name
     assert max(abs(moved[f'wrench.gain.{i}'][0]) for i in range(6)) < tool.spreads.wrench_gain
 
 
-@pytest.mark.parametrize('seconds', first([25.0, 285.0]))
+@pytest.mark.parametrize('seconds', first([10.0, 285.0]))
 def test_a_slow_motion_tells_a_delay_from_no_filter(tool, seconds):
     """Below 1 Hz both are one delay; what a filter does to noise of poses decides nothing."""
     likely = dict(found(tool, late(seconds)).diagnosis.candidates)

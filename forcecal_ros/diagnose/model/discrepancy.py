@@ -13,7 +13,7 @@ what is left.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from itertools import chain, combinations_with_replacement
+from itertools import chain, combinations_with_replacement, product
 from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
@@ -552,13 +552,13 @@ class Products:
 
     def improve(self, evidence: Callable[[Gram], float], start: Scales) -> Scales:
         """Improve the scales of a discrepancy by log-evidence, stream by stream."""
-        best, most = start, evidence(self.at(start))
+        best, most, known = start, evidence(self.at(start)), {start}
         before: Scales = ()
         while best != before:
             before = best
-            for i in self.streams():
-                for size in SCALES:
-                    tried = (*best[:i], size, *best[i + 1:])
-                    if size != best[i] and (value := evidence(self.at(tried))) > most:
-                        best, most = tried, value
+            for i, size in product(self.streams(), SCALES):
+                tried = (*best[:i], size, *best[i + 1:])
+                if tried not in known and (value := evidence(self.at(tried))) > most:
+                    best, most = tried, value
+                known.add(tried)
         return best

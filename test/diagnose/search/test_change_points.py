@@ -16,7 +16,7 @@ from forcecal_ros.report.effect_words import phrase
 from forcecal_ros.sim.rig.file import load_rig
 import numpy as np
 import pytest
-from rig_recordings import FREE, own_recording, switched
+from rig_recordings import bare, FREE, own_recording, switched
 
 ENDED = NamedEffect('tool_mass', {'change': Parameter(0.1, 0.001, '1')}, 0.9,
                     end=4.5, end_ci95=(4.49, 4.52), recording=0)
@@ -51,7 +51,8 @@ def test_an_effect_of_half_a_recording_is_named_with_its_instant(effects, ends, 
     pytest.param({'wrench_bias_drift': {'fz': 0.05, 'ty': 0.002}}, 1, marks=pytest.mark.long),
     pytest.param({'wrench_crosstalk': {'fx_of_fz': 0.03}}, 0, marks=pytest.mark.long)])
 def test_an_effect_of_one_of_two_recordings_is_named_with_its_recording(effects, where):
-    pair = [own_recording(40 + i, FREE[:7], effects if i == where else None) for i in (0, 1)]
+    pair = [bare(own_recording(40 + i, FREE[:5], effects if i == where else None))
+            for i in (0, 1)]
     diagnosis = RigSource(load_rig()).diagnose(*pair).diagnosis
     (name, values), = effects.items()
     effect, = to_document(diagnosis, UNITS, None)['effects']
