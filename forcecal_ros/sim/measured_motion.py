@@ -21,7 +21,10 @@ from forcecal_ros.sim.signals import (
     BLOCK,
     block_means,
     CLEAR,
-    clear_band,
+    clear_of,
+    clear_share,
+    EXACT,
+    KEPT,
     MOST,
     RATE,
     Signals,
@@ -30,11 +33,11 @@ from forcecal_ros.sim.signals import (
 )
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d, maximum_filter1d
+from scipy.ndimage import maximum_filter1d
 from scipy.spatial.transform import Rotation
 
 
-def merge_poses(measured: PoseStream, simulated: PoseStream) -> PoseStream:
+def merge_poses(measured: PoseStream, simulated: PoseStream, wide: float = EXACT) -> PoseStream:
     """
     Return the motion of the robot, as well as both recordings tell it.
 
@@ -42,6 +45,8 @@ def merge_poses(measured: PoseStream, simulated: PoseStream) -> PoseStream:
     ----------
     measured, simulated : PoseStream
         On one clock; of one base, or each of its own.
+    wide : float
+        Band of the filter of their difference in the band in which that is clear.
 
     Returns
     -------
@@ -57,14 +62,15 @@ def merge_poses(measured: PoseStream, simulated: PoseStream) -> PoseStream:
     turned = rotation_vector(np.swapaxes(made.R_base_sensor, 1, 2) @ seen.R_base_sensor)
     position = seen.position
     if measured.has_position and simulated.has_position:
-        position = made.position + _without_noise(position - made.position, rate)
+        position = made.position + _without_noise(position - made.position, rate, wide)
     return replace(seen, position=position, R_base_sensor=made.R_base_sensor
-                   @ rotation_from_vector(_without_noise(turned, rate)))
+                   @ rotation_from_vector(_without_noise(turned, rate, wide)))
 
 
-def _without_noise(difference: Array, rate: float) -> Array:
+def _without_noise(difference: Array, rate: float, wide: float) -> Array:
     """Leave out of a difference, shape (n, 3), what is no more than noise."""
-    return slow(difference, rate, clear_band(difference, rate))
+    t = np.arange(len(difference)) / rate
+    return clear_of(difference, rate, 0.0, wide).of(t, difference, rate)
 
 
 def express_in_base(measured: PoseStream, simulated: PoseStream) -> PoseStream:
@@ -145,15 +151,18 @@ class MeasuredMotion:
         ``acc1`` or ``acc2``.
     rigid_tool : RigidTool
         The nominal one.
+    clear : Recording, optional
+        Its motion as far as it is clear of noise, where that is known better.
     """
 
     band, exact, starts_white, library = MOST, EXACT_RATIO, True, EFFECTS
 
     def __init__(self, recording: Recording, start: float, n_blocks: int, accelerometer: str,
-                 rigid_tool: RigidTool) -> None:
+                 rigid_tool: RigidTool, clear: Recording | None = None) -> None:
         self.start, self.n_blocks, self.accelerometer = start, n_blocks, accelerometer
-        given = recording, start, n_blocks, accelerometer
-        self._full, self._clear = CarriedTool(*given), CarriedTool(*given, clear=True)
+        given = start, n_blocks, accelerometer
+        self._full = CarriedTool(recording, *given)
+        self._clear = CarriedTool(clear or recording, *given, clear=True)
         self._unclear = self._full.wire(rigid_tool) - self._clear.wire(rigid_tool)
         self.from_accelerometer = self._full.accelerated
 
@@ -253,13 +262,16 @@ class RecordedSimulation(MeasuredMotion):
         assert measured is not None
         assert made is not None
         accel, simulated = simulated.accelerometer, replace(simulated, accelerometer=None)
-        super().__init__(replace(recording, pose=merge_poses(measured, made), accelerometer=None),
-                         start, n_blocks, accelerometer, rigid_tool)
-        own = CarriedTool(simulated, start, n_blocks, accelerometer)
-        below = own.recorded_wrench(simulated) - own.wire(rigid_tool)
+        exact, kept = (replace(recording, pose=merge_poses(measured, made, wide),
+                               accelerometer=None) for wide in (EXACT, KEPT))
+        super().__init__(exact, start, n_blocks, accelerometer, rigid_tool, kept)
+        own, smooth = (CarriedTool(simulated, start, n_blocks, accelerometer, clear=clear)
+                       for clear in (False, True))
+        recorded = own.recorded_wrench(simulated)
+        below = recorded - own.wire(rigid_tool)
         above, clear = _above_band(simulated, own)
         self.beyond = self._full.beyond = below + above
-        self._clear.beyond = below + clear
+        self._clear.beyond = recorded - smooth.wire(rigid_tool) + clear
         self._unclear = self._full.wire(rigid_tool) - self._clear.wire(rigid_tool)
         self.touching = contact_blocks(block_means(below))
         self._accel = (None if accel is None
@@ -281,11 +293,6 @@ class RecordedSimulation(MeasuredMotion):
         return found._replace(volts=accelerometer_volts(rig, self.accelerometer, accel))
 
 
-POWER_WINDOW_S = 0.1
-"""Standard deviation of the window over which the power above the band is averaged, a period of
-its lower end [s]."""
-
-
 def _above_band(simulated: Recording, own: CarriedTool) -> tuple[Array, Array]:
     """
     Return what a simulated wrench holds above the band of poses, (n, 6), and what of it is clear.
@@ -304,10 +311,7 @@ def _above_band(simulated: Recording, own: CarriedTool) -> tuple[Array, Array]:
         return np.zeros((len(own.t), 6)), np.zeros((len(own.t), 6))
     above = own.recorded_wrench(simulated, band) - own.recorded_wrench(simulated)
     noise = np.maximum(floor * (band - MOST), 1e-300)
-    # one motion excites all channels
-    ratio = (gaussian_filter1d(above ** 2, POWER_WINDOW_S * RATE, axis=0) / noise).max(axis=1)
-    share = np.clip(1.0 - CLEAR / np.maximum(ratio, 1e-300), 0.0, 1.0)
-    return above, above * share[:, np.newaxis]
+    return above, above * clear_share(above, noise, RATE)[:, np.newaxis]
 
 
 CONTACT_FORCE_N = 1.0

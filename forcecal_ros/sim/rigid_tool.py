@@ -16,6 +16,10 @@ from forcecal_ros.sim.signals import (
     BLOCK,
     block_means,
     clear_band,
+    clear_of,
+    Counting,
+    EXACT,
+    KEPT,
     Last,
     MOST,
     RATE,
@@ -201,23 +205,23 @@ class CarriedTool:
         if stream is not None and len(stream) > 1:
             self.slide = stream.at(self.t)[:, 0]
         volts = recording.accelerometer
-        self._volts = None if volts is None else slowed(volts, self._band(volts.t, volts.values))
+        self._volts = None if volts is None else slowed(
+            volts, clear_band(*_evenly(volts.t, volts.values)) if clear else MOST)
         self.beyond = np.zeros((len(self.t), 6))
 
-    def _band(self, t: Array, rows: Array) -> float:
-        """Return up to where an input counts [Hz]."""
-        if not self._clear:
-            return MOST
-        rate = (len(t) - 1) / (t[-1] - t[0])
-        return clear_band(Stream(t, rows).at(t[0] + np.arange(len(t)) / rate), rate)
+    def _counting(self, t: Array, rows: Array) -> Counting:
+        """Tell what counts of poses, which are to be derived, so that their noise grows."""
+        even, rate = _evenly(t, rows)
+        return clear_of(even, rate, t[0], KEPT) if self._clear else Counting(
+            max(MOST, clear_band(even, rate, EXACT)))
 
     def _turn(self, pose: PoseStream) -> None:
-        R = self.R_base_sensor
+        R, t = self.R_base_sensor, self.t
         turns = rotation_vector(np.swapaxes(R[:-1], 1, 2) @ R[1:]) * RATE
-        band = self._band(pose.t, pose.R_base_sensor.reshape(-1, 9))
+        counting = self._counting(pose.t, pose.R_base_sensor.reshape(-1, 9))
         if self._clear:
-            self.R_base_sensor = slow(R.reshape(-1, 9), RATE, band).reshape(-1, 3, 3)
-        self.omega = slow(np.concatenate([turns[:1], turns]), RATE, band)
+            self.R_base_sensor = counting.of(t, R.reshape(-1, 9), RATE).reshape(-1, 3, 3)
+        self.omega = counting.of(t, np.concatenate([turns[:1], turns]), RATE)
         self.alpha = _rate_of(self.omega)
         W = skew(self.omega)
         self.lever = skew(self.alpha) + W @ W
@@ -227,10 +231,10 @@ class CarriedTool:
         self.position = self.velocity = self.acceleration = np.zeros((len(self.t), 3))
         if self._placed:
             self.position = position
-            band = self._band(pose.t, pose.position)
-            self.velocity = slow(_rate_of(self.position), RATE, band)
+            counting = self._counting(pose.t, pose.position)
+            self.velocity = counting.of(self.t, _rate_of(self.position), RATE)
             if self._clear:
-                self.position = slow(self.position, RATE, band)
+                self.position = counting.of(self.t, self.position, RATE)
             self.acceleration = _rate_of(self.velocity)
 
     @property
@@ -323,6 +327,12 @@ def _wrench_at(t: Array, recording: Recording, band: float = MOST) -> Array:
 def only(effects: Chosen, names: frozenset[str]) -> Chosen:
     """Keep some effects."""
     return tuple(one for one in effects if one[0] in names)
+
+
+def _evenly(t: Array, rows: Array) -> tuple[Array, float]:
+    """Return rows at regular instants, and their rate [Hz]."""
+    rate = (len(t) - 1) / (t[-1] - t[0])
+    return Stream(t, rows).at(t[0] + np.arange(len(t)) / rate), rate
 
 
 def _rate_of(rows: Array) -> Array:

@@ -10,6 +10,7 @@ from forcecal_ros.effects.nuisances import Nuisance
 from forcecal_ros.effects.rig import Rig
 import numpy as np
 from scipy.interpolate import CubicSpline
+from scipy.ndimage import gaussian_filter1d
 
 T = TypeVar('T')
 
@@ -19,13 +20,23 @@ LEAST, MOST = 1.0, 12.5
 WINDOW_S = 4.0
 """Length of the windows over which spectra are averaged [s]: a quarter of LEAST apart."""
 
+EXACT, KEPT = 2.0, 1.25
+"""
+Bands of filters, in that of a signal, which leave it as it is, or 97 % of it at its edge.
+
+An effect that acts on what a wider filter leaves would reduce noise, and be named for that.
+"""
+
+STEEP = 8
+"""Order of filters that end near what is clear: others are of order 4."""
+
 CLEAR = 10.0
 """Factor above its floor from which the power of a signal is no noise."""
 
 
-def clear_band(rows: Array, rate: float) -> float:
+def clear_band(rows: Array, rate: float, wide: float = 1.0) -> float:
     """
-    Tell where a signal's spectrum comes down to its floor.
+    Tell where a signal's spectrum comes down to its floor, or so many times that.
 
     Derivatives of what lies above would be noise, in the residual and in what is fitted to it
     alike: an effect of a smooth signal would be preferred for that alone.
@@ -36,6 +47,8 @@ def clear_band(rows: Array, rate: float) -> float:
         At regular instants.
     rate : float
         [Hz]
+    wide : float
+        Where no floor is to be seen, it does not count.
 
     Returns
     -------
@@ -45,10 +58,87 @@ def clear_band(rows: Array, rate: float) -> float:
     if rate < 5.0 * MOST or len(rows) < WINDOW_S * rate:
         return MOST  # no floor to be seen
     frequency, power = spectrum(rows, rate)
-    power = power.sum(axis=1)
-    floor = float(np.median(power[frequency > 2.0 * MOST]))
-    clear = frequency[(power > CLEAR * floor) & (frequency > 0.0)]
-    return float(np.clip(clear.max(initial=0.0), LEAST, MOST))
+    noise = floor(rows, rate).sum()
+    clear = frequency[(power.sum(axis=1) > CLEAR * noise) & (frequency > 0.0)]
+    return wide * float(np.clip(clear.max(initial=0.0), LEAST, MOST))
+
+
+def floor(rows: Array, rate: float) -> Array:
+    """Return the power density of each signal's noise, shape (k,), 0 where none is to be seen."""
+    frequency, power = spectrum(rows, rate)
+    return np.asarray(np.median(power[frequency > 2.0 * MOST], axis=0)
+                      if rate >= 5.0 * MOST else np.zeros(rows.shape[1]))
+
+
+POWER_WINDOW_S = 0.1
+"""Standard deviation of the window over which power is averaged [s]: a shake lasts longer."""
+
+
+def clear_share(rows: Array, noise: Array, rate: float) -> Array:
+    """
+    Tell how much of signals is no noise, instant by instant: one motion excites all of them.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (n, k)
+        At regular instants.
+    noise : ndarray, shape (k,)
+        Mean square of each one's noise.
+    rate : float
+        [Hz]
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        From 0, where they may be noise, to 1 from twice CLEAR on.
+    """
+    power = gaussian_filter1d(rows ** 2, POWER_WINDOW_S * rate, axis=0)
+    ratio = (power / np.maximum(noise, 1e-300)).max(axis=1)
+    return np.asarray(np.clip(ratio / CLEAR - 1.0, 0.0, 1.0))
+
+
+class Counting(NamedTuple):
+    """
+    What of a signal counts.
+
+    Attributes
+    ----------
+    band : float
+        Up to here it does [Hz].
+    t, share : ndarray, shape (n,), optional
+        Instants [s], and how much of what is faster than LEAST counts there.
+    """
+
+    band: float
+    t: Array | None = None
+    share: Array | None = None
+
+    def of(self, t: Array, rows: Array, rate: float) -> Array:
+        """Leave out of rows, at regular instants, what does not count."""
+        if self.t is None or self.share is None:
+            return slow(rows, rate, self.band)
+        slower, least = slow(rows, rate, self.band, STEEP), slow(rows, rate, LEAST)
+        share = np.interp(t, self.t, self.share)[:, np.newaxis]
+        return np.asarray(least + share * (slower - least))
+
+
+def clear_of(rows: Array, rate: float, start: float, wide: float) -> Counting:
+    """
+    Tell what of a signal is clear of its noise.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (n, k)
+        At regular instants, from ``start`` [s] on.
+    rate : float
+        [Hz]
+    wide : float
+        Band of the filter in that of the signal: EXACT or KEPT.
+    """
+    band = clear_band(rows, rate, wide)
+    fast = slow(rows, rate, band, STEEP) - slow(rows, rate, LEAST)
+    return Counting(band, start + np.arange(len(rows)) / rate,
+                    clear_share(fast, floor(rows, rate) * (band - LEAST), rate))
 
 
 def spectrum(rows: Array, rate: float) -> tuple[Array, Array]:
@@ -59,14 +149,14 @@ def spectrum(rows: Array, rate: float) -> tuple[Array, Array]:
     return np.asarray(frequency), np.asarray(power)
 
 
-def slow(rows: Array, rate: float, band: float = MOST) -> Array:
+def slow(rows: Array, rate: float, band: float = MOST, order: int = 4) -> Array:
     """Leave out what is faster than a band; where samples are few, nothing is."""
     from scipy.signal import butter, sosfiltfilt  # takes a second, see spectrum
 
     if rate <= 2.0 * band or len(rows) < rate:
         return rows
     return np.asarray(sosfiltfilt(
-        butter(4, band, fs=rate, output='sos'), rows, axis=0))
+        butter(order, band, fs=rate, output='sos'), rows, axis=0))
 
 
 def slowed(stream: Stream, band: float = MOST) -> CubicSpline:

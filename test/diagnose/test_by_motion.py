@@ -21,7 +21,7 @@ from forcecal_ros.sim.rigid_tool import (
 )
 import numpy as np
 import pytest
-from rig_recordings import swaying
+from rig_recordings import shaking, swaying
 
 GRAVITY = '9.8209'
 ROOT = Path(__file__).resolve().parents[2]
@@ -156,6 +156,23 @@ def test_without_accelerometer_the_position_says_how_the_tool_moves(commands):
     assert diagnosis.verdict == 'no_gap'
     assert not {n for n, _ in diagnosis.candidates} | {
         n for n in diagnosis.not_excited if n.startswith('accel')}
+
+
+@pytest.mark.parametrize('rate, size, effects', [
+    (9.0, 3e-4, {}), (9.0, 3e-4, {'tool_mass': {'change': 0.05}}),
+    pytest.param(11.0, 2e-4, {}, marks=pytest.mark.long),
+    pytest.param(8.0, 5e-4, {}, marks=pytest.mark.long)])
+def test_a_robot_that_shakes_is_judged_by_its_tool(commands, rate, size, effects):
+    """Its acceleration is as exact there as poses are clear of noise, and no more at rest."""
+    rig = load_rig('rigid_tool.yaml')
+    recording = replace(simulate(with_effects(rig, effects), shaking(commands, rate, size, 2),
+                                 seed=2), target=None, accelerometer=None)
+    diagnosis = ToolSource(rigid_tool_of_rig(rig)).diagnose(recording).diagnosis
+    assert {e.name for e in diagnosis.effects} == set(effects)
+    assert diagnosis.verdict == ('identified' if effects else 'no_gap')
+    for effect in diagnosis.effects:
+        found = effect.parameters['change']
+        assert found.value == pytest.approx(0.05, abs=3.0 * found.std) and found.std < 2e-3
 
 
 def test_a_robot_that_stands_still_excites_nothing():

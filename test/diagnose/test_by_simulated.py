@@ -32,7 +32,7 @@ from moving_arm import MASS, moving
 import numpy as np
 from own_arm import commands, GRIPPER, LATE, real, RIG, simulated, TOLERANCES, with_imu
 import pytest
-from rig_recordings import switched
+from rig_recordings import shaking, switched
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 from wrong_recordings import at_wrench, recording_of
@@ -123,6 +123,23 @@ def test_effects_act_on_what_is_clear_of_the_simulators_noise_and_all_is_compare
     assert above[shakes, 1].std() > 2.0
     np.testing.assert_allclose(clear[shakes, 1], above[shakes, 1],
                                atol=0.05 * above[shakes, 1].std())
+
+
+@pytest.mark.parametrize('seed, effects', [
+    (1, {}), (6, {'tool_mass': {'change': 0.08}}),
+    pytest.param(8, {'wrench_delay': {'delay': 0.006}}, marks=pytest.mark.long)])
+def test_a_robot_that_shakes_more_than_its_simulation_is_judged_by_its_tool(seed, effects):
+    """Effects act on what is clear of the noise of poses, instant by instant."""
+    robot = with_imu(simulate(with_effects(RIG, {**LATE, **effects}),
+                              shaking(commands(), 9.0, 3e-4, seed), seed=seed))
+    robot = replace(robot, pose=robot.pose.rows(slice(None, None, 2)))
+    diagnosis = PairSource(TOLERANCES, simulated(imu=True)).diagnose(robot).diagnosis
+    assert [e.name for e in diagnosis.effects] == list(effects)
+    assert (diagnosis.verdict == 'no_gap') == (not effects)
+    for effect in diagnosis.effects:
+        (name, true), = effects[effect.name].items()
+        found = effect.parameters[name]
+        assert found.value == pytest.approx(true, abs=3.0 * found.std) and found.std < 0.03 * true
 
 
 def test_what_carries_a_simulated_tool_for_a_while_is_not_taken_for_its_mass():

@@ -93,6 +93,16 @@ def swaying(rig, angle, way, rate) -> PoseStream:
         np.array(rig.home.R_base_sensor) @ Rotation.from_rotvec(turns).as_matrix())
 
 
+def shaking(target, rate, size, seed) -> PoseStream:
+    """Return commands that also shake eight times, about a rate [Hz] and by a size [m]."""
+    rng, way = np.random.default_rng(seed), np.zeros((len(target), 3))
+    for begin in np.arange(2.5, 8.5, 0.75):
+        u, own = target.t - begin, rng.uniform(0.9 * rate, 1.1 * rate)
+        shake = np.exp(-0.5 * (u / 0.2) ** 2) * np.sin(2.0 * np.pi * (own * u + rng.uniform()))
+        way += np.outer(shake, rng.normal(size=3) * size)
+    return replace(target, position=target.position + way)
+
+
 def own_recording(seed: int = 8, parts=MOTION, effects=None) -> Recording:
     """Return what this package's simulator makes of the motion, with noise and some effects."""
     target, phases = commands(parts)

@@ -12,13 +12,13 @@ PACKAGE = Path(__file__).resolve().parents[2] / 'forcecal_ros'
 BUDGETS = {
     'calibrate': 2094, 'checks': 1699, 'cli': 2755, 'core': 2137, 'diagnose': 5265,
     'effects': 737, 'impedance': 719, 'insitu': 1919, 'io': 2479, 'motion': 1432,
-    'nodes': 3419, 'observe': 2709, 'report': 1848, 'rig_fit': 478, 'sim': 2779}
+    'nodes': 3419, 'observe': 2709, 'report': 1848, 'rig_fit': 478, 'sim': 2812}
 """Code lines; less is better: lower a number with the code."""
 
 MOST_AT_ROOT = 249
 """Code lines of the modules next to the packages: the interface from Python."""
 
-MOST_FILES, MOST_CONSTANTS = 231, 378
+MOST_FILES, MOST_CONSTANTS = 231, 381
 """Of the whole package; a constant is a number bound to an upper-case name of a module."""
 
 FILES = sorted(PACKAGE.rglob('*.py'))
