@@ -44,7 +44,8 @@ class RobustFit(NamedTuple):
     scale : ndarray, shape (g, c)
         Of one channel's residual in each group of rows and of channels.
     sandwich : callable
-        Takes as long as the fit itself, and many a fit is only compared with others.
+        Computes the covariance when it is first asked for: that takes as long as the fit itself,
+        and many a fit is only compared with others.
     """
 
     theta: Array
@@ -93,7 +94,8 @@ def robust_fit(X: Array, y: Array, prior: Array | None = None, blocks: int = BLO
     n, d, k = len(y), channels, X.shape[2]
     c = y.shape[1] // d
     groups = np.unique(np.zeros(n) if groups is None else groups, return_inverse=True)[1]
-    members = (np.arange(groups.max(initial=0) + 1)[:, None] == groups).astype(float)  # (g, n)
+    members = np.arange(groups.max(initial=0) + 1)[:, None] == groups  # (g, n)
+    each = members.astype(float)
     size = np.sqrt(np.einsum('nij,nij->j', X, X) / n) + 1e-150
     X, y = (X / size).reshape(-1, d, k), y.reshape(n, c, d)
     stated = np.zeros(k) if prior is None else prior / size**2
@@ -116,11 +118,10 @@ def robust_fit(X: Array, y: Array, prior: Array | None = None, blocks: int = BLO
         residual = y - np.einsum('ij,j->i', X, theta).reshape(n, c, d)
         square = np.einsum('ncd,ncd->nc', residual, residual) + 1e-150
         if not before.any():
-            middle = np.stack([np.median(square[rows > 0], axis=0) for rows in members])
+            middle = np.stack([np.median(square[rows], axis=0) for rows in members])
             scale = middle / chdtri(d, 0.5)  # of d Gaussian channels
         share = (freedom + d) / (freedom + square / scale[groups])
-        # sums of shares: Kent et al. 1994
-        scale = members @ (share * square) / (members @ share) / d
+        scale = each @ (share * square) / (each @ share) / d  # sums of shares: Kent et al. 1994
         weight = share / scale[groups]
         # mean slope of the weighted residual: the weight falls as the residual grows
         unit = square / scale[groups]

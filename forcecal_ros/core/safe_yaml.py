@@ -5,22 +5,16 @@ from typing import Any
 
 from forcecal_ros.core.errors import ConfigError
 import yaml
-from yaml.composer import Composer
 
 LARGEST = 1 << 18
 _DEEPEST = 32
 _LONGEST_NUMBER = 1000
 
 
-class _Loader(getattr(yaml, 'CSafeLoader', yaml.SafeLoader), Composer):  # type: ignore[misc]
-    """
-    Safe loader without aliases, deep nests, endless numbers and keys that come twice.
-
-    libyaml, where it is there, parses: four times as fast. Nodes are composed here.
-    """
+class _Loader(yaml.SafeLoader):
+    """Safe loader without aliases, deep nests, endless numbers and keys that come twice."""
 
     _depth = 0
-    get_single_node = Composer.get_single_node
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         if self.check_event(yaml.AliasEvent):
@@ -28,7 +22,6 @@ class _Loader(getattr(yaml, 'CSafeLoader', yaml.SafeLoader), Composer):  # type:
         self._depth += 1
         if self._depth > _DEEPEST:
             raise yaml.YAMLError(f'nested more than {_DEEPEST} deep')
-        self.anchors: dict[str, Any] = {}
         node = super().compose_node(parent, index)
         self._depth -= 1
         return node
@@ -39,7 +32,7 @@ class _Loader(getattr(yaml, 'CSafeLoader', yaml.SafeLoader), Composer):  # type:
         return super().construct_scalar(node)
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
-        mapping: dict[Any, Any] = super().construct_mapping(node, deep=deep)
+        mapping = super().construct_mapping(node, deep=deep)
         if len(mapping) != len(node.value):
             raise yaml.YAMLError(f'duplicate key {node.start_mark}')
         return mapping
@@ -85,6 +78,7 @@ def load_yaml(text: str | bytes, name: str, largest: int = LARGEST) -> Any:
 def _in_one_line(error: Exception) -> str:
     """Say in one line what is wrong and where, without the text itself."""
     reason = str(error)
-    if isinstance(error, yaml.MarkedYAMLError) and (mark := error.problem_mark):
+    if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark:
+        mark = error.problem_mark
         reason = f'{error.problem} in line {mark.line + 1}, column {mark.column + 1}'
     return ' '.join(reason.split())[:200]

@@ -17,10 +17,10 @@ from forcecal_ros.sim.signals import (
     block_means,
     clear_band,
     clear_of,
-    Counting,
     EXACT,
     KEPT,
     Last,
+    LowPass,
     MOST,
     RATE,
     Signals,
@@ -209,19 +209,19 @@ class CarriedTool:
             volts, clear_band(*_evenly(volts.t, volts.values)) if clear else MOST)
         self.beyond = np.zeros((len(self.t), 6))
 
-    def _counting(self, t: Array, rows: Array) -> Counting:
-        """Tell what counts of poses, which are to be derived, so that their noise grows."""
+    def _low_pass(self, t: Array, rows: Array) -> LowPass:
+        """Return the filter for poses, which are to be derived, so that their noise grows."""
         even, rate = _evenly(t, rows)
-        return clear_of(even, rate, t[0], KEPT) if self._clear else Counting(
+        return clear_of(even, rate, t[0], KEPT) if self._clear else LowPass(
             max(MOST, clear_band(even, rate, EXACT)))
 
     def _turn(self, pose: PoseStream) -> None:
         R, t = self.R_base_sensor, self.t
         turns = rotation_vector(np.swapaxes(R[:-1], 1, 2) @ R[1:]) * RATE
-        counting = self._counting(pose.t, pose.R_base_sensor.reshape(-1, 9))
+        low_pass = self._low_pass(pose.t, pose.R_base_sensor.reshape(-1, 9))
         if self._clear:
-            self.R_base_sensor = counting.of(t, R.reshape(-1, 9), RATE).reshape(-1, 3, 3)
-        self.omega = counting.of(t, np.concatenate([turns[:1], turns]), RATE)
+            self.R_base_sensor = low_pass.of(t, R.reshape(-1, 9), RATE).reshape(-1, 3, 3)
+        self.omega = low_pass.of(t, np.concatenate([turns[:1], turns]), RATE)
         self.alpha = _rate_of(self.omega)
         W = skew(self.omega)
         self.lever = skew(self.alpha) + W @ W
@@ -231,10 +231,10 @@ class CarriedTool:
         self.position = self.velocity = self.acceleration = np.zeros((len(self.t), 3))
         if self._placed:
             self.position = position
-            counting = self._counting(pose.t, pose.position)
-            self.velocity = counting.of(self.t, _rate_of(self.position), RATE)
+            low_pass = self._low_pass(pose.t, pose.position)
+            self.velocity = low_pass.of(self.t, _rate_of(self.position), RATE)
             if self._clear:
-                self.position = counting.of(self.t, self.position, RATE)
+                self.position = low_pass.of(self.t, self.position, RATE)
             self.acceleration = _rate_of(self.velocity)
 
     @property

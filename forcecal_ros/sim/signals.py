@@ -35,8 +35,13 @@ CLEAR = 10.0
 
 
 def clear_band(rows: Array, rate: float, wide: float = 1.0) -> float:
+    """Return where :func:`clear_of` ends [Hz]."""
+    return _band_and_noise(rows, rate, wide)[0]
+
+
+def _band_and_noise(rows: Array, rate: float, wide: float) -> tuple[float, Array]:
     """
-    Tell where a signal's spectrum comes down to its floor, or so many times that.
+    Tell where signals' spectrum comes down to its floor, and the density of each one's noise.
 
     Derivatives of what lies above would be noise, in the residual and in what is fitted to it
     alike: an effect of a smooth signal would be preferred for that alone.
@@ -48,26 +53,21 @@ def clear_band(rows: Array, rate: float, wide: float = 1.0) -> float:
     rate : float
         [Hz]
     wide : float
-        Where no floor is to be seen, it does not count.
+        What the band is multiplied by.
 
     Returns
     -------
     float
-        [Hz]
+        [Hz]; MOST, whatever ``wide`` is, where no floor is to be seen.
+    ndarray, shape (k,)
+        0 there.
     """
     if rate < 5.0 * MOST or len(rows) < WINDOW_S * rate:
-        return MOST  # no floor to be seen
+        return MOST, np.zeros(rows.shape[1])
     frequency, power = spectrum(rows, rate)
-    noise = floor(rows, rate).sum()
-    clear = frequency[(power.sum(axis=1) > CLEAR * noise) & (frequency > 0.0)]
-    return wide * float(np.clip(clear.max(initial=0.0), LEAST, MOST))
-
-
-def floor(rows: Array, rate: float) -> Array:
-    """Return the power density of each signal's noise, shape (k,), 0 where none is to be seen."""
-    frequency, power = spectrum(rows, rate)
-    return np.asarray(np.median(power[frequency > 2.0 * MOST], axis=0)
-                      if rate >= 5.0 * MOST else np.zeros(rows.shape[1]))
+    noise = np.median(power[frequency > 2.0 * MOST], axis=0)
+    clear = frequency[(power.sum(axis=1) > CLEAR * noise.sum()) & (frequency > 0.0)]
+    return wide * float(np.clip(clear.max(initial=0.0), LEAST, MOST)), noise
 
 
 POWER_WINDOW_S = 0.1
@@ -97,16 +97,16 @@ def clear_share(rows: Array, noise: Array, rate: float) -> Array:
     return np.asarray(np.clip(ratio / CLEAR - 1.0, 0.0, 1.0))
 
 
-class Counting(NamedTuple):
+class LowPass(NamedTuple):
     """
-    What of a signal counts.
+    A filter without lag that may vary with time.
 
     Attributes
     ----------
     band : float
-        Up to here it does [Hz].
+        Where it ends [Hz].
     t, share : ndarray, shape (n,), optional
-        Instants [s], and how much of what is faster than LEAST counts there.
+        Instants [s], and how much it leaves there of what is faster than LEAST.
     """
 
     band: float
@@ -114,7 +114,7 @@ class Counting(NamedTuple):
     share: Array | None = None
 
     def of(self, t: Array, rows: Array, rate: float) -> Array:
-        """Leave out of rows, at regular instants, what does not count."""
+        """Filter rows, at regular instants."""
         if self.t is None or self.share is None:
             return slow(rows, rate, self.band)
         slower, least = slow(rows, rate, self.band, STEEP), slow(rows, rate, LEAST)
@@ -122,9 +122,9 @@ class Counting(NamedTuple):
         return np.asarray(least + share * (slower - least))
 
 
-def clear_of(rows: Array, rate: float, start: float, wide: float) -> Counting:
+def clear_of(rows: Array, rate: float, start: float, wide: float) -> LowPass:
     """
-    Tell what of a signal is clear of its noise.
+    Return the filter that leaves of a signal what is clear of its noise.
 
     Parameters
     ----------
@@ -135,10 +135,10 @@ def clear_of(rows: Array, rate: float, start: float, wide: float) -> Counting:
     wide : float
         Band of the filter in that of the signal: EXACT or KEPT.
     """
-    band = clear_band(rows, rate, wide)
+    band, noise = _band_and_noise(rows, rate, wide)
     fast = slow(rows, rate, band, STEEP) - slow(rows, rate, LEAST)
-    return Counting(band, start + np.arange(len(rows)) / rate,
-                    clear_share(fast, floor(rows, rate) * (band - LEAST), rate))
+    return LowPass(band, start + np.arange(len(rows)) / rate,
+                   clear_share(fast, noise * (band - LEAST), rate))
 
 
 def spectrum(rows: Array, rate: float) -> tuple[Array, Array]:

@@ -337,7 +337,7 @@ def test_ros_arguments_that_cannot_be_read_are_wrong_usage(capsys, arguments):
 
 
 @pytest.mark.parametrize('text, why', [
-    ('a:\n\tb: 1\n', 'that cannot start any token in line 2'),
+    ('a:\n\tb: 1\n', "'\\t' that cannot start any token in line 2"),
     ('/**/sim:\n  ros__parameters:\n    a.b: 1\n    a: {b: 2}\n', 'a.b is given twice'),
     ('/**/sim:\n  ros__parameters:\n    accelerometer: no\n', 'accelerometer is False, expected')])
 def test_a_parameter_file_that_ros_would_misread_is_refused_in_one_line(
