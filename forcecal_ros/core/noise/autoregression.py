@@ -62,7 +62,7 @@ class Autoregression(NamedTuple):
     present: BoolArray
     groups: IntArray
 
-    def whiten(self, columns: Array, channel: int) -> Array:
+    def whiten(self, columns: Array | NDArray[np.int16], channel: int) -> Array:
         """
         Turn signals of one channel into innovations of unit variance.
 
@@ -75,22 +75,53 @@ class Autoregression(NamedTuple):
         ndarray, shape (k, n)
             Zero where the history is missing.
         """
-        sigma = self.sigma[:, channel]
-        scale = np.where(sigma > 0.0, 1.0 / np.where(sigma > 0.0, sigma, 1.0), 0.0)
-        there = self.present[:, channel]
-        chosen = slice(None) if there.all() else np.flatnonzero(there)
-        own = np.ascontiguousarray(columns[:, chosen], dtype=float)
+        there, scale, rows = self._of(channel)
+        own = np.ascontiguousarray(columns[:, there], dtype=float)
         white = np.empty(own.shape)
         _whiten(own, np.ascontiguousarray(self.coefficients[:, channel]), scale,
-                self.groups[chosen], np.ascontiguousarray(self.rows[chosen, channel]), white)
-        if there.all():
-            return white
-        out = np.zeros(columns.shape)
-        out[:, chosen] = white
+                self.groups[there], rows, white)
+        return self._spread(white, there, columns.shape)
+
+    def weigh(self, signal: Array | NDArray[np.float32], channel: int, blocks: BoolArray) -> Array:
+        """
+        Multiply a signal of one channel by the inverse of the noise's covariance.
+
+        Parameters
+        ----------
+        signal : ndarray, shape (n,)
+        blocks : ndarray of bool, shape (n,)
+            Samples that count, of those whose history is there.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Its inner product with another signal is that of what :meth:`whiten` makes of both.
+        """
+        there, scale, rows = self._of(channel)
+        own = np.asarray(signal[there], dtype=float)[np.newaxis]
+        out = np.empty(own.shape)
+        _weigh(np.ascontiguousarray(own), np.ascontiguousarray(self.coefficients[:, channel]),
+               scale, self.groups[there], rows & blocks[there], out)
+        return np.asarray(self._spread(out, there, (1, len(signal)))[0])
+
+    def _of(self, channel: int) -> tuple[slice | IntArray, Array, BoolArray]:
+        """Return which samples of a channel were measured, 1 / sigma, and which of them count."""
+        sigma, present = self.sigma[:, channel], self.present[:, channel]
+        there = slice(None) if present.all() else np.flatnonzero(present)
+        scale = np.where(sigma > 0.0, 1.0 / np.where(sigma > 0.0, sigma, 1.0), 0.0)
+        return there, scale, np.ascontiguousarray(self.rows[there, channel])
+
+    @staticmethod
+    def _spread(values: Array, there: slice | IntArray, shape: tuple[int, ...]) -> Array:
+        """Put values where samples were measured, zero elsewhere."""
+        if isinstance(there, slice):
+            return values
+        out = np.zeros(shape)
+        out[:, there] = values
         return out
 
-    def whiten_in_pieces(self, columns: Callable[[slice], Array], channel: int, whole: int = 1
-                         ) -> Iterator[tuple[slice, Array]]:
+    def whiten_in_pieces(self, columns: Callable[[slice], Array | NDArray[np.int16]],
+                         channel: int, whole: int = 1) -> Iterator[tuple[slice, Array]]:
         """
         Whiten many long signals as :meth:`whiten` does, without room for all of them.
 
@@ -115,29 +146,6 @@ class Autoregression(NamedTuple):
                                  groups=self.groups[longer])
             white = part.whiten(columns(longer), channel)
             yield rows, white[:, rows.start - longer.start:]
-
-    def whiten_singly(self, columns: NDArray[np.int16], channel: int, sizes: Array
-                      ) -> NDArray[np.float32]:
-        """
-        Whiten many signals, each times its size, that are held as whole numbers.
-
-        The same as of :meth:`whiten`, without room for all of them in double precision.
-
-        Parameters
-        ----------
-        columns : ndarray of int16, shape (k, n)
-        sizes : ndarray, shape (k,)
-
-        Returns
-        -------
-        ndarray of float32, shape (k, n)
-        """
-        out = np.empty(columns.shape, dtype=np.float32)
-        for i in range(0, len(columns), 16):
-            part = slice(i, i + 16)
-            whole = np.asarray(columns[part], dtype=float)
-            out[part] = self.whiten(whole, channel) * sizes[part, np.newaxis]
-        return out
 
     def or_better(self, other: 'Autoregression', residual: Array) -> 'Autoregression':
         """
@@ -229,6 +237,29 @@ def _whiten(columns: Array, coefficients: Array, scale: Array, groups: IntArray,
                     after[t] -= coefficients[g, j] * before[t]
             for t in range(len(white)):
                 white[t] *= scale[g]
+
+
+@compiled
+def _weigh(columns: Array, coefficients: Array, scale: Array, groups: IntArray,
+           rows: BoolArray, out: Array) -> None:
+    order, n, end = coefficients.shape[1], columns.shape[1], 0
+    white = np.empty(columns.shape)
+    _whiten(columns, coefficients, scale * scale, groups, rows, white)
+    out[:] = white
+    while end < n:
+        begin = end
+        end += 1
+        if not rows[begin]:
+            continue
+        g = groups[begin]
+        while end < n and end - begin < 512 and rows[end] and groups[end] == g:
+            end += 1
+        for i in range(len(columns)):
+            for j in range(order):
+                first = max(begin, j + 1)
+                now, past = white[i, first:end], out[i, first - 1 - j:end - 1 - j]
+                for t in range(len(past)):
+                    past[t] -= coefficients[g, j] * now[t]
 
 
 def _stationary(a: Array, sigma: float) -> float:

@@ -15,6 +15,7 @@ what is left.
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import chain, combinations_with_replacement, product
 from typing import NamedTuple
+from weakref import ref
 
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.noise.autoregression import Autoregression, pieces
@@ -24,7 +25,6 @@ from forcecal_ros.diagnose.model.jacobian import Column, Compact, stacked
 from forcecal_ros.sim.signals import BLOCK, block_means, RATE, Signals
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_solve, cholesky, LinAlgError, solve_triangular
 
 Scales = tuple[float, ...]
 """Part of the signal that a discrepancy has in each stream, in the order of STREAM_SLICES."""
@@ -46,12 +46,8 @@ NOISE_SCALES = (*SCALES, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 STREAM = tuple(i for i, name in enumerate(STREAM_SLICES) for c in CHANNELS if c.stream == name)
 """Place of each channel's stream among the scales."""
 
-FEATURE_SAMPLES = 6.25e6
-"""
-Numbers that the whitened features of a channel may take, of two bytes each, so that 16 channels
-need 200 MB (joints share theirs): of a pair of a minute each two hundred combinations are kept,
-of ten minutes the forty strongest.
-"""
+WEIGHED_AT_ONCE = 10 ** 6
+"""Samples of signals that are multiplied together: they take 8 MB."""
 
 BoolArray = NDArray[np.bool_]
 
@@ -198,16 +194,6 @@ def _remembered(row: Array, memory: float) -> Array:
     return np.asarray(lfilter([1.0 - a], [1.0, -a], row, zi=[a * row[0]])[0])
 
 
-def _factor(information: Array) -> Array:
-    """Return a Cholesky factor; what rounding has made negative counts as nothing."""
-    try:
-        return np.asarray(cholesky(information, lower=True))
-    except LinAlgError:
-        values, vectors = np.linalg.eigh(information)
-        least = np.finfo(np.float32).eps * values[-1]
-        return np.asarray(cholesky((vectors * np.maximum(values, least)) @ vectors.T, lower=True))
-
-
 class Discrepancy:
     """
     The discrepancy of recordings in blocks.
@@ -222,25 +208,81 @@ class Discrepancy:
 
     def __init__(self, of: Basis, signal: Array, train: Sequence[BoolArray]) -> None:
         self.basis, self.signal, self.train = of, signal, list(train)
-        self._kept: WhitenedDiscrepancy | None = None
+        self.kept: WhitenedDiscrepancy | None = None
 
     def whitened(self, noise: Sequence[Autoregression]) -> 'WhitenedDiscrepancy':
         """Return it whitened by a noise: the last one, which takes much memory, is kept."""
-        kept = self._kept
+        kept = self.kept
         if kept is None or any(a is not b for a, b in zip(kept.noise, noise, strict=True)):
-            self._kept = kept = WhitenedDiscrepancy(self, list(noise), kept)
+            self.kept = kept = WhitenedDiscrepancy(self, list(noise), kept)
         return kept
 
 
 class Modes(NamedTuple):
     """
-    Whitened features of one channel, as few combinations as matter.
+    Combinations of a channel's features of which data tell one by one.
 
-    ``rows``: of each recording, (r, n); ``weights``: features to combinations, (k, r).
+    ``weights``: features to combinations, (k, k); ``information``: on each of these, (k,).
     """
 
-    rows: list[Compact]
     weights: Array
+    information: Array
+
+    def precision(self, size: float) -> Array:
+        """Return it for each combination, a prior of that size included, shape (k,)."""
+        return np.asarray(self.information + 1.0 / size ** 2)
+
+
+class _Kept:
+    """
+    Inner products in one channel of one recording: of a residual, and of columns.
+
+    Those of columns hold as long as these are in use; NaN where nothing has asked for them.
+
+    Attributes
+    ----------
+    own : ndarray, shape (1 + k, 1 + k)
+        With each other, the residual first.
+    cross : ndarray, shape (features, 1 + k)
+        With the features.
+    """
+
+    def __init__(self, features: int) -> None:
+        self._columns: list[ref[Compact]] = []
+        self.own, self.cross = np.zeros((1, 1)), np.zeros((features, 1))
+
+    def places(self, asked: Sequence[Compact]) -> NDArray[np.intp]:
+        """Return where columns are; new ones come last, and those out of use leave."""
+        there = [i for i, one in enumerate(self._columns) if one() is not None]
+        known = {id(self._columns[i]()): 1 + place for place, i in enumerate(there)}
+        new = list({id(one): one for one in asked if id(one) not in known}.values())
+        known |= {id(one): 1 + len(there) + j for j, one in enumerate(new)}
+        if new or len(there) < len(self._columns):
+            self._columns = [*(self._columns[i] for i in there), *map(ref, new)]
+            left, more = [0, *(1 + i for i in there)], (0, len(new))
+            self.own = np.pad(self.own[np.ix_(left, left)], (more, more), constant_values=np.nan)
+            self.cross = np.pad(self.cross[:, left], ((0, 0), more), constant_values=np.nan)
+        return np.array([known[id(one)] for one in asked], dtype=np.intp)
+
+    def column(self, place: int) -> Compact:
+        """Return the column at a place."""
+        found = self._columns[place - 1]()
+        assert found is not None
+        return found
+
+    def unknown(self, places: NDArray[np.intp], absent: bool) -> list[int]:
+        """Return at which places signals are to be multiplied, so that all products are known."""
+        missing = np.isnan(self.own[np.ix_(places, places)])
+        new = np.diag(missing).copy()
+        if not absent:
+            new |= np.isnan(self.cross[:, places]).any(axis=0)
+        new |= places == 0  # another residual
+        missing &= ~(new | new[:, np.newaxis])
+        while missing.any():
+            most = int(missing.sum(axis=0).argmax())
+            new[most] = True
+            missing[most] = missing[:, most] = False
+        return [int(i) for i in places[new]]
 
 
 class WhitenedDiscrepancy:
@@ -260,44 +302,40 @@ class WhitenedDiscrepancy:
         self.basis, self.signal, self.train, self.noise = of.basis, of.signal, of.train, noise
         self.channels = [c for c in range(len(CHANNELS))
                          if any(n.sigma[:, c].any() for n in noise)]
-        self.found: dict[int, Modes] = {}
-        self.factors: dict[tuple[int, bool, float], Array] = {}
+        self.features: dict[int, Array] = {}
+        self.found: dict[tuple[int, bool], Modes] = {}
+        self.kept: dict[tuple[int, bool, int], _Kept] = {}
         if before is not None:
             same = {c for c in before.channels if all(
                 a.same(b, c) for a, b in zip(before.noise, noise, strict=True))}
-            self.found = {c: modes for c, modes in before.found.items() if c in same}
-            self.factors = {key: one for key, one in before.factors.items() if key[0] in same}
+            self.features = {c: one for c, one in before.features.items() if c in same}
+            self.found = {key: one for key, one in before.found.items() if key[0] in same}
+            self.kept = {key: one for key, one in before.kept.items() if key[0] in same}
 
-    def modes(self, c: int) -> Modes:
-        """Return a channel's whitened features, which are found at the first time they count."""
-        if c not in self.found:
-            self.found[c] = self._strongest(c)
-        return self.found[c]
+    def modes(self, c: int, training: bool) -> Modes:
+        """Return those of a channel, by all or training blocks, found when they first count."""
+        key = c, training
+        if key not in self.found:
+            if c not in self.features:
+                self.features[c] = self._of_features(c)
+            values, vectors = np.linalg.eigh(self.features[c][int(training)])
+            self.found[key] = Modes(self._scale(c)[:, np.newaxis] * vectors,
+                                     np.maximum(values, 0.0))
+        return self.found[key]
 
-    def _strongest(self, c: int) -> Modes:
-        scale = np.sqrt(self.basis.variance) * self.signal[c]
-        white = [n.whiten_singly(rows.numbers, c, scale * rows.unit[:, 0])
-                 if n.sigma[:, c].any() else np.zeros(rows.numbers.shape, dtype=np.float32)
-                 for n, rows in zip(self.noise, self.basis.rows)]
-        values, vectors = np.linalg.eigh(sum((w @ w.T).astype(float) for w in white))
-        most = int(FEATURE_SAMPLES / sum(w.shape[1] for w in white))
-        # one whose variance is below a thousandth of its noise's shows nothing
-        kept = np.flatnonzero(values * max(NOISE_SCALES) ** 2 > 1e-3)[-most:]
-        turn = vectors[:, kept]
-        return Modes([Compact.of(turn.T.astype(np.float32) @ w) for w in white],
-                     scale[:, np.newaxis] * turn)
+    def _scale(self, c: int) -> Array:
+        return np.asarray(np.sqrt(self.basis.variance) * self.signal[c])
 
-    def factor(self, c: int, size: float, training: bool) -> Array:
-        """Return the Cholesky factor of a channel's information on its combinations."""
-        key, factors = (c, training, size), self.factors
-        if key not in factors:
-            if (flat := (c, training, np.inf)) not in factors:
-                factors[flat] = np.sum([
-                    _square(rows, train if training else np.ones_like(train))
-                    for rows, train in zip(self.modes(c).rows, self.train)], axis=0)
-            information = factors[flat]
-            factors[key] = _factor(information + np.eye(len(information)) / size ** 2)
-        return factors[key]
+    def _of_features(self, c: int) -> Array:
+        """Return the information on a channel's features, by all and by training blocks."""
+        out = np.zeros((2, len(self.basis.variance), len(self.basis.variance)))
+        for noise, rows, train in zip(self.noise, self.basis.rows, self.train):
+            scale = self._scale(c) * rows.unit[:, 0]
+            for part, white in noise.whiten_in_pieces(rows.whole_numbers, c):
+                square, some = white @ white.T, white[:, train[part]]
+                out += np.outer(scale, scale) * [
+                    square, square if train[part].all() else some @ some.T]
+        return out
 
     def predicted(self, residual: Sequence[Array]) -> list[Array]:
         """
@@ -339,14 +377,12 @@ class WhitenedDiscrepancy:
             Mean square over the held-out blocks.
         """
         out = np.zeros(len(CHANNELS))
-        gram = np.sum([_square(rows, ~train) for rows, train in zip(
-            self.basis.rows, self.train)], axis=0) / max(
-                1, sum(int((~train).sum()) for train in self.train))
+        held_out = [rows.values()[:, ~train] for rows, train in zip(self.basis.rows, self.train)]
+        gram = sum(r @ r.T for r in held_out) / max(1, sum(r.shape[1] for r in held_out))
         for c, size in sizes.items():
             if size:
-                weights = self.modes(c).weights
-                out[c] = np.trace(cho_solve((self.factor(c, size, True), True),
-                                            weights.T @ gram @ weights))
+                modes = self.modes(c, True)
+                out[c] = np.sum(modes.weights * (gram @ modes.weights) / modes.precision(size))
         return out
 
     def products(self, columns: Sequence[Sequence[Column]], residual: Sequence[Array],
@@ -364,62 +400,61 @@ class WhitenedDiscrepancy:
         training : bool
             Over the training blocks; else over all.
         """
-        k, out = len(columns[0]), []
-        for c in self.channels:
-            there = [j for j in range(k) if any(c in one[j] for one in columns)]
-            total = ChannelSums(c, np.array(there, dtype=np.intp),
-                                np.zeros((1 + len(there),) * 2), np.zeros(
-                (0 if absent else self.modes(c).weights.shape[1], 1 + len(there))), 0)
-            for i, (one, r, noise) in enumerate(zip(columns, residual, self.noise)):
-                if noise.sigma[:, c].any():
-                    rows = self.train[i] if training else np.ones_like(self.train[i])
-                    own, cross = self._sums(c, i, r[:, c], [one[j].get(c) for j in there], absent,
-                                            rows)
-                    total = total._replace(own=total.own + own, cross=total.cross + cross,
-                                           n=total.n + int(np.sum(rows & noise.rows[:, c])))
-            out.append(total)
-        return Products(self, k, out, training)
+        there = {c: [j for j in range(len(columns[0])) if any(c in one[j] for one in columns)]
+                 for c in self.channels}
+        features = 0 if absent else len(self.basis.variance)
+        sums = {c: ChannelSums(c, np.array(js, dtype=np.intp), np.zeros((1 + len(js),) * 2),
+                               np.zeros((features, 1 + len(js))), 0) for c, js in there.items()}
+        for i, (one, r, noise) in enumerate(zip(columns, residual, self.noise)):
+            blocks = self.train[i] if training else np.ones_like(self.train[i])
+            asked = {c: [one[j][c] for j in there[c] if c in one[j]] for c in self.channels
+                     if noise.sigma[:, c].any()}
+            for c, (kept, places) in self._multiplied(i, asked, r, blocks, absent,
+                                                      training).items():
+                rows = [0, *(1 + n for n, j in enumerate(there[c]) if c in one[j])]
+                sums[c].own[np.ix_(rows, rows)] += kept.own[np.ix_(places, places)]
+                if not absent:
+                    sums[c].cross[:, rows] += kept.cross[:, places]
+                sums[c] = sums[c]._replace(n=sums[c].n + int(np.sum(blocks & noise.rows[:, c])))
+        if not absent:
+            sums = {c: one._replace(cross=self.modes(c, training).weights.T @ one.cross)
+                    for c, one in sums.items()}
+        return Products(self, len(columns[0]), list(sums.values()), training)
 
-    def _sums(self, c: int, recording: int, residual: Array, given: Sequence[Compact | None],
-              absent: bool, rows: BoolArray) -> tuple[Array, Array]:
-        """
-        Return inner products in one channel of one recording, over some blocks.
+    def _multiplied(self, recording: int, asked: Mapping[int, Sequence[Compact]],
+                    residual: Array, blocks: BoolArray, absent: bool, training: bool
+                    ) -> dict[int, tuple[_Kept, NDArray[np.intp]]]:
+        """Return each channel's inner products, and where those of residual and columns are."""
+        out, distinct, wanted = {}, {}, []
+        for c, columns in asked.items():
+            kept = self.kept.setdefault((c, training, recording), _Kept(len(self.basis.variance)))
+            places = np.append(0, kept.places(columns))
+            # an effect in all recordings and in this one alone has one column here
+            out[c], distinct[c] = (kept, places), np.unique(places)
+            wanted += [(c, i) for i in kept.unknown(distinct[c], absent)]
+        at_once = max(1, WEIGHED_AT_ONCE // len(residual))
+        for some in (wanted[i:i + at_once] for i in range(0, len(wanted), at_once)):
+            weighed = np.empty((len(some), len(residual)))
+            for row, (c, i) in zip(weighed, some):
+                signal = out[c][0].column(i).values() if i else residual[:, c]
+                row[:] = self.noise[recording].weigh(signal, c, blocks)
+            if not absent:
+                features = self.basis.rows[recording].products(weighed)
+            for c in dict(some):
+                kept, here = out[c][0], np.array([c == one for one, _ in some])
+                new = np.array([i for one, i in some if one == c])
+                others = [kept.column(i) for i in distinct[c][1:]]
+                products = _product(stacked(residual[:, c], others), weighed[here])
+                kept.own[np.ix_(distinct[c], new)] = products
+                kept.own[np.ix_(new, distinct[c])] = products.T
+                if not absent:
+                    kept.cross[:, new] = features[:, here]
+        return out
 
-        Returns
-        -------
-        own : ndarray, shape (1 + k, 1 + k)
-            Of the residual and of columns with each other.
-        cross : ndarray, shape (r, 1 + k)
-            Of the combinations with them.
-        """
-        # an effect in all recordings and in this one alone has one column here
-        there = {id(one): one for one in given if one is not None}
-        features = None if absent else self.modes(c).rows[recording]
-        own = np.zeros((1 + len(there),) * 2)
-        cross = np.zeros((len(features.numbers) if features else 0, len(own)))
-        for part, white in self.noise[recording].whiten_in_pieces(
-                stacked(residual, list(there.values())), c):
-            kept = rows[part]
-            white = white if kept.all() else white * kept
-            own += white @ white.T
-            if features:
-                cross += features.numbers[:, part].astype(np.float32) @ white.astype(np.float32).T
-        if features:
-            cross *= features.unit
-        places = {key: 1 + j for j, key in enumerate(there)}
-        place = np.array([0, *(places.get(id(one), -1) for one in given)])
-        return (np.where((place < 0) | (place < 0)[:, np.newaxis], 0.0,
-                         own[np.ix_(place, place)]), np.where(place < 0, 0.0, cross[:, place]))
 
-
-def _square(features: Compact, blocks: BoolArray) -> Array:
-    """Return inner products of features over some blocks, shape (k, k)."""
-    out = np.zeros((len(features.numbers),) * 2)
-    for part in pieces(len(blocks)):
-        # nearly orthogonal, so that single precision keeps even the faint ones
-        rows = features.values(part)[:, blocks[part]]
-        out += rows @ rows.T
-    return out
+def _product(rows: Callable[[slice], Array], others: Array) -> Array:
+    """Return inner products of signals, shape (k, n) piece by piece, with others, (m, n)."""
+    return np.asarray(sum(rows(part) @ others[:, part].T for part in pieces(others.shape[1])))
 
 
 class ChannelSums(NamedTuple):
@@ -487,9 +522,9 @@ class Products:
         """Return one channel's products beside a discrepancy, and its logarithm."""
         if size == 0.0 or not len(one.cross):
             return one.own, 0.0
-        factor = self.whitened.factor(one.channel, size, self._training)
-        taken = solve_triangular(factor, one.cross, lower=True, check_finite=False)
-        return one.own - taken.T @ taken, 2.0 * float(np.log(np.diag(factor) * size).sum())
+        root = np.sqrt(self.whitened.modes(one.channel, self._training).precision(size))
+        taken = one.cross / root[:, np.newaxis]
+        return one.own - taken.T @ taken, 2.0 * float(np.log(root * size).sum())
 
     def streams(self) -> list[int]:
         """List the streams, by their place among scales, that there are."""
@@ -518,9 +553,8 @@ class Products:
         for one in self.parts:
             size = sizes.get(one.channel, 0.0)
             if size and len(one.cross):
-                factor = self.whitened.factor(one.channel, size, self._training)
-                out[one.channel] = self.whitened.modes(one.channel).weights @ cho_solve(
-                    (factor, True), one.cross[:, 0])
+                modes = self.whitened.modes(one.channel, self._training)
+                out[one.channel] = modes.weights @ (one.cross[:, 0] / modes.precision(size))
         return out
 
     def spread(self, assumed: Scales, sizes: Mapping[int, float]) -> Array:
@@ -545,8 +579,8 @@ class Products:
             if size > known:
                 cross = one.cross[:, 1:]
                 if known:
-                    factor = self.whitened.factor(one.channel, known, self._training)
-                    cross = cho_solve((factor, True), cross) / known ** 2
+                    modes = self.whitened.modes(one.channel, self._training)
+                    cross = cross / (known ** 2 * modes.precision(known))[:, np.newaxis]
                 out[np.ix_(one.there, one.there)] += (size ** 2 - known ** 2) * cross.T @ cross
         return out
 

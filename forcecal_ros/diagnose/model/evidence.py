@@ -165,32 +165,36 @@ def fit(gram: Gram, prior: Prior, near: Fit | None = None) -> Fit:
     k = len(gram.vector)
     hessian = gram.matrix + np.diag(prior.precision)
     gradient = gram.vector - prior.precision * prior.centre
-    x, free = np.zeros(k), np.ones(k, dtype=bool)
+    low, high = prior.low - prior.centre, prior.high - prior.centre
+    x, free = np.clip(np.zeros(k), low, high), np.ones(k, dtype=bool)
     if near is not None:
-        x[:len(near.x)] = np.where(near.free, 0.0, near.x)
-        total = prior.centre + x
-        free = np.minimum(np.abs(total - prior.low), np.abs(total - prior.high)) > 1e-9
-        free[:len(near.x)] |= near.free
-        x[free] = 0.0
+        m = len(near.x)
+        free[:m] = near.free
+        x[:m] = np.clip(near.x, low[:m], high[:m])
+        free[:m] |= np.minimum(np.abs(x - low), np.abs(x - high))[:m] > 1e-9
     factor = np.zeros((0, 0))
-    for turn in range(2 * k + 1):
-        fixed = ~free
-        right = gradient[free] - hessian[free] @ (fixed * x)
+    for _ in range(4 * k + 1):
+        right = gradient[free] - hessian[free] @ np.where(free, 0.0, x)
         factor = _cholesky(hessian[free][:, free])
-        x[free] = dpotrs(factor, right, lower=1)[0] if len(right) else right
-        total = prior.centre + x
-        within = np.clip(total, prior.low, prior.high)
-        beyond = free & (np.abs(total - within) > 1e-9)
-        if not beyond.any():
-            # on its bound, but held there by nothing: the other parameters have moved since
-            inwards = np.where(within < prior.high, 1.0, -1.0)
-            inward = fixed * inwards * (gradient - hessian @ x)
-            if turn >= k or not inward.max(initial=0.0) > 1e-6:
-                break
-            free[inward.argmax()] = True
+        step = np.zeros(k)
+        step[free] = (dpotrs(factor, right, lower=1)[0] if len(right) else right) - x[free]
+        # as far as to the first bound, so that every step is for the better
+        with np.errstate(divide='ignore', invalid='ignore'):
+            part = np.where(step > 1e-9, (high - x) / step, np.where(
+                step < -1e-9, (low - x) / step, np.inf))
+        first = float(part.min(initial=np.inf))
+        if first < 1.0:
+            hit = part <= first
+            x = np.where(hit, np.where(step > 0.0, high, low), x + first * step)
+            free &= ~hit
             continue
-        x[beyond] = within[beyond] - prior.centre[beyond]
-        free &= ~beyond
+        x = x + step
+        # on its bound, but held there by nothing: the other parameters have moved since
+        inwards = np.where(x < high, 1.0, -1.0)
+        inward = ~free * inwards * (gradient - hessian @ x)
+        if not inward.max(initial=0.0) > 1e-6:
+            break
+        free[inward.argmax()] = True
     total = prior.centre + x
     value = gram.vector @ x - 0.5 * x @ gram.matrix @ x
     value -= 0.5 * (total * prior.precision) @ total + 0.5 * gram.square

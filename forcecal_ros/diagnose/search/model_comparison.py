@@ -205,10 +205,10 @@ class ModelComparison(Explained):
     def _usual(self) -> list['_Level']:
         """Return levels of one scale in all streams, and the likeliest of any."""
         levels = [self._level((size,) * len(STREAM_SLICES)) for size in SCALES]
-        start = max(levels, key=lambda level: level.null.log_evidence).scales
+        start = max(levels, key=lambda level: level.null.log_evidence)
         best = self._products.improve(
-            lambda gram: fit(gram, self.null_prior, levels[0].null).log_evidence, start)
-        return levels if best == start else [*levels, self._level(best)]
+            lambda gram: fit(gram, self.null_prior, start.null).log_evidence, start.scales)
+        return levels if best == start.scales else [*levels, self._level(best)]
 
     def _level(self, scales: Scales) -> '_Level':
         every = self._products.at(scales)

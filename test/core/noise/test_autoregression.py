@@ -78,14 +78,16 @@ def test_samples_that_are_some_blocks_apart_have_noise_too(spacing):
 
 
 @pytest.mark.parametrize('lost', first([0.1, 0.0]))
-def test_signals_of_whole_numbers_are_whitened_to_the_same_bits(lost):
+def test_a_product_with_a_weighed_signal_is_that_of_whitened_ones_over_the_same_blocks(lost):
     rng, n = np.random.default_rng(5), 2000
     present = rng.random((n, 2)) >= lost
-    noise = fit_autoregression(rng.standard_normal((n, 2)), present, np.repeat([0, 1, 2, 1], 500))
-    rows, sizes = rng.integers(-9000, 9000, (7, n), dtype=np.int16), rng.random(7)
-    expected = (noise.whiten(rows.astype(float), 1) * sizes[:, np.newaxis]).astype(np.float32)
-    assert expected.any()
-    np.testing.assert_array_equal(noise.whiten_singly(rows, 1, sizes), expected)
+    noise = fit_autoregression(np.cumsum(rng.standard_normal((n, 2)), axis=0), present,
+                               np.repeat([0, 1, 2, 1], 500))
+    signals, blocks = rng.standard_normal((3, n)), np.arange(n) % 700 < 400
+    white = noise.whiten(signals, 1)
+    assert noise.rows[blocks, 1].sum() > 300
+    for signal, own in zip(signals, white):
+        assert signals @ noise.weigh(signal, 1, blocks) == pytest.approx(white @ (own * blocks))
 
 
 @pytest.mark.parametrize(('lost', 'whole'), [(0.0, 1), (0.1, 1), (0.0, 300)])

@@ -96,11 +96,11 @@ def test_features_are_of_one_size_whatever_varies_and_groups_share_the_variance(
 def test_only_a_channel_that_is_whitened_otherwise_is_whitened_anew():
     _, columns, residual, of = setting(6)
     before = of.whitened([white(n) for n in N])
-    modes = before.modes(0)
-    assert of.whitened([white(n) for n in N]).modes(0) is modes
+    modes = before.modes(0, False)
+    assert of.whitened([white(n) for n in N]).modes(0, False) is modes
     louder = [one._replace(sigma=2.0 * one.sigma) for one in map(white, N)]
     other = of.whitened(louder)
-    assert other.modes(0) is not modes
+    assert other.modes(0, False) is not modes
     fresh = setting(6)[3].whitened(louder)
     got, expected = (one.products(columns, residual).at((3e-3,) * 4) for one in (other, fresh))
     assert got.square == pytest.approx(expected.square)
@@ -116,6 +116,34 @@ def test_a_column_of_one_recording_alone_is_the_same_there_and_nothing_elsewhere
     expected = setting(12)[3].whitened(whitened.noise).products(rows, residual).at((3e-3,) * 4)
     assert found.matrix == pytest.approx(expected.matrix, rel=1e-4)
     assert found.vector == pytest.approx(expected.vector, rel=1e-4)
+
+
+def test_products_that_are_kept_are_those_of_the_columns_at_hand_and_of_this_residual():
+    _, columns, residual, of = setting(13)
+    rng, whitened = np.random.default_rng(14), of.whitened([white(n) for n in N])
+
+    def more(count):
+        return [[{0: Compact.of(rng.standard_normal(n))} for _ in range(count)] for n in N]
+
+    def agree(asked, training=False):
+        got, expected = (one.products(asked, residual, training=training).at((3e-3,) * 4)
+                         for one in (whitened, setting(13)[3].whitened(whitened.noise)))
+        assert got.matrix == pytest.approx(expected.matrix, rel=1e-5, abs=1e-5)
+        assert got.vector == pytest.approx(expected.vector, rel=1e-5, abs=1e-5)
+        assert got.square == pytest.approx(expected.square)
+
+    first, second = more(2), more(3)
+    agree(columns)
+    agree([[*a, *b] for a, b in zip(first, columns)])
+    whitened.products(second, residual, absent=True)
+    agree(second)
+    # asked for one by one, but never with each other, and one of them twice
+    agree([[*a, *b, *c, b[0]] for a, b, c in zip(columns, first, second)])
+    agree(first, training=True)
+    residual = [r + 1.0 for r in residual]
+    first = more(4)  # the former two are gone
+    agree([[*b, *a, c[1]] for a, b, c in zip(columns, first, second)])
+    assert whitened.kept[0, False, 0].own.shape == (1 + 4 + 1 + 3,) * 2
 
 
 def long(n, rng):
