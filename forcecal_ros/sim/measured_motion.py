@@ -6,7 +6,9 @@ poses, the simulated one is the better measurement: a tool's acceleration out of
 be in the residual and in what is fitted to it, and favour any effect that is smooth.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array, rotation_from_vector, rotation_vector
@@ -178,10 +180,13 @@ class MeasuredMotion:
         found = [*OF_TOOL, *(Nuisance(f'tool.inertia.{a}', 'own_inertia', with_inertia(i),
                                       least=-own[i], limit=NAMELESS)
                              for i, a in enumerate('xyz'))]
-        if self.from_accelerometer:
+        if not self.from_accelerometer:
+            found += [Nuisance(f'pose.{name}', name, _more(name))
+                      for name in ('shake', 'compliance')]
+        else:
             assert isinstance(rig, RigidTool)
             unknown = rig.spreads.accel_behind >= UNKNOWN_DELAY
-            found.append(Nuisance('accelerometer.delay', 'accel_behind', _behind,
+            found.append(Nuisance('accelerometer.delay', 'accel_behind', _more('accel_behind'),
                                   least=-rig.accel_behind if unknown else -np.inf))
         # what the accelerometer has of its own is in the motion, too, and so in the wrench
         found += [n._replace(acts_on='rig') if n.acts_on == 'volts' else n
@@ -226,9 +231,12 @@ class MeasuredMotion:
         return Signals(start, *smooth)
 
 
-def _behind(rig: Rig, x: float) -> Rig:
-    assert isinstance(rig, RigidTool)
-    return replace(rig, accel_behind=rig.accel_behind + x)
+def _more(name: str) -> Callable[[Rig, float], Rig]:
+    """Add to a number of a rigid tool."""
+    def apply(rig: Rig, x: float) -> Rig:
+        changed: dict[str, Any] = {name: getattr(rig, name) + x}
+        return replace(rig, **changed)
+    return apply
 
 
 class RecordedSimulation(MeasuredMotion):
@@ -282,6 +290,7 @@ class RecordedSimulation(MeasuredMotion):
         f = own.specific_force_of_origin(rigid_tool)
         place = np.linalg.lstsq(own.lever.reshape(-1, 3), (accel - f).ravel(), rcond=1e-6)[0]
         there = self._full.specific_force_of_origin(rigid_tool) + self._full.lever @ place
+        self._place = place
         return np.asarray(accel - f - own.lever @ place + there - self._full.weight(rigid_tool))
 
     def signals(self, rig: Rig) -> Signals:
@@ -289,7 +298,8 @@ class RecordedSimulation(MeasuredMotion):
         found = super().signals(rig)
         if self._accel is None:
             return found
-        accel = np.asarray(self._accel + self._full.weight(physical_rig(rig)))
+        accel = (self._accel + self._full.weight(physical_rig(rig))
+                 + self._clear.unseen(rig, self._place))
         return found._replace(volts=accelerometer_volts(rig, self.accelerometer, accel))
 
 

@@ -26,6 +26,7 @@ from forcecal_ros.sim.signals import (
     Signals,
     slow,
     slowed,
+    STEEP,
     UNSEEN,
 )
 import numpy as np
@@ -34,6 +35,15 @@ Spreads = TypeVar('Spreads', bound=NominalTolerances)
 
 UNKNOWN_DELAY = 0.01
 """Delay between two sensors that no calibration gives, 1 sigma [s]; three are a slow driver."""
+
+FAST, SHAKE = 5.0, 0.3
+"""Frequency from which poses may show more or less than there is [Hz], by a part of 1 sigma."""
+
+COMPLIANCE = 1.3e-4
+"""
+Way by which an arm gives behind its encoders for an acceleration, 1 sigma [s^2]: 1 / w^2 of a
+resonance at 14 Hz.
+"""
 
 GYRATION = 0.05
 """Radius of gyration of a tool whose inertia is not known, 1 sigma: a gripper's [m]."""
@@ -45,6 +55,8 @@ class RigidToolSpreads(NominalTolerances):
 
     accel_behind: Annotated[float, Row('of accel_behind', 's', 0.0)] = 0.0
     own_inertia: Annotated[float, Row('absolute', 'kg m^2', 0.0)] = 0.0
+    shake: Annotated[float, Row('absolute', '1', 0.0)] = SHAKE
+    compliance: Annotated[float, Row('absolute', 's^2', 0.0)] = COMPLIANCE
 
 
 @dataclass(frozen=True)
@@ -54,6 +66,10 @@ class RigidTool(Rig):
     spreads: Annotated[RigidToolSpreads, Row('')]
     accel_behind: Annotated[float, Row(
         'how much later than the wrench the accelerometer shows the same instant', 's')] = 0.0
+    shake: Annotated[float, Row(
+        'how much more than its poses say the robot does of what is fast', '1')] = 0.0
+    compliance: Annotated[float, Row(
+        'way by which the arm gives behind its encoders for an acceleration', 's^2')] = 0.0
 
     @property
     def accelerometer_unit(self) -> str:
@@ -196,8 +212,11 @@ class CarriedTool:
         self.R_base_sensor = moved.R_base_sensor
         self._turn(pose)
         self._travel(pose, moved.position)
+        rows = np.hstack([self.acceleration, self.alpha])
+        self._fast = rows - slow(rows, RATE, FAST, STEEP)
+        self._swing = -_rate_of(_rate_of(rows))
         for name in ('t', 'R_base_sensor', 'position', 'velocity', 'acceleration', 'omega',
-                     'alpha', 'lever'):
+                     'alpha', 'lever', '_fast', '_swing'):
             setattr(self, name, getattr(self, name)[before:before + n])
         self._along = np.einsum('nij,ni->nj', self.R_base_sensor, self.acceleration)
         self._weight = Last[Array]()
@@ -270,11 +289,23 @@ class CarriedTool:
         if self._volts is None:
             if not self._placed:
                 return self.weight(rigid_tool)
-            return np.asarray(self.weight(rigid_tool) + self._along + self.lever @ com)
+            return np.asarray(self.weight(rigid_tool) + self._along + self.lever @ com
+                              + self.unseen(rig, com))
         behind = getattr(rig, 'accel_behind', 0.0) + named.get('accel_delay', {}).get('delay', 0.0)
         at = np.clip(self.t + behind, self._volts.x[0], self._volts.x[-1])
         f = specific_force_of(rigid_tool, self.accelerometer, self._volts(at))
         return np.asarray(f + self.lever @ (com - rigid_tool.accelerometer.position))
+
+    def _unseen(self, rig: Rig) -> Array:
+        """Return what poses do not say of S's acceleration in base, and of alpha, (n, 6)."""
+        return np.asarray(getattr(rig, 'shake', 0.0) * self._fast
+                          + getattr(rig, 'compliance', 0.0) * self._swing)
+
+    def unseen(self, rig: Rig, point: Array) -> Array:
+        """Return what poses do not say of the acceleration of a point of S, in S, (n, 3)."""
+        more = self._unseen(rig)
+        return np.asarray(np.einsum('nij,ni->nj', self.R_base_sensor, more[:, :3])
+                          + np.cross(more[:, 3:], point))
 
     def specific_force_of_origin(self, rig: Rig) -> Array:
         """Return the specific force in the origin of S, shape (n, 3)."""
@@ -290,7 +321,8 @@ class CarriedTool:
         tool = rigid_tool.tool
         inertia = np.array(tool.inertia)
         arm = np.array(tool.com) + self.slide[:, np.newaxis] * [1.0, 0.0, 0.0]
-        spin = self.alpha @ inertia + np.cross(self.omega, self.omega @ inertia)
+        alpha = self.alpha + self._unseen(rigid_tool)[:, 3:]
+        spin = alpha @ inertia + np.cross(self.omega, self.omega @ inertia)
         out = np.hstack([-tool.mass * f, -tool.mass * np.cross(arm, f) - spin])
         cable = named_effects(rigid_tool.effects).get(CABLE)
         if cable:

@@ -15,13 +15,16 @@ from forcecal_ros.io.calibration_file import load
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.simulator import simulate
 from forcecal_ros.sim.rigid_tool import (
+    CarriedTool,
     rigid_tool_of_calibration,
     rigid_tool_of_rig,
     UNKNOWN_DELAY,
 )
 import numpy as np
 import pytest
-from rig_recordings import shaking, swaying
+from rig_recordings import shaken, swaying
+from scipy.signal import cont2discrete, lfilter
+from scipy.spatial.transform import Rotation
 
 GRAVITY = '9.8209'
 ROOT = Path(__file__).resolve().parents[2]
@@ -158,21 +161,47 @@ def test_without_accelerometer_the_position_says_how_the_tool_moves(commands):
         n for n in diagnosis.not_excited if n.startswith('accel')}
 
 
-@pytest.mark.parametrize('rate, size, effects', [
-    (9.0, 3e-4, {}), (9.0, 3e-4, {'tool_mass': {'change': 0.05}}),
-    pytest.param(11.0, 2e-4, {}, marks=pytest.mark.long),
-    pytest.param(8.0, 5e-4, {}, marks=pytest.mark.long)])
-def test_a_robot_that_shakes_is_judged_by_its_tool(commands, rate, size, effects):
-    """Its acceleration is as exact there as poses are clear of noise, and no more at rest."""
+@pytest.mark.parametrize('rate, size, shown, effects', [
+    (9.0, 3e-4, 1.0, {}), (9.0, 3e-4, 0.7, {'tool_mass': {'change': 0.05}}),
+    pytest.param(9.0, 3e-4, 1.4, {}, marks=pytest.mark.long),
+    pytest.param(11.0, 2e-4, 1.0, {'tool_mass': {'change': 0.05}}, marks=pytest.mark.long),
+    pytest.param(8.0, 5e-4, 1.0, {}, marks=pytest.mark.long)])
+def test_a_robot_that_shakes_is_judged_by_its_tool(commands, rate, size, shown, effects):
+    """Its acceleration is as exact there as poses are clear of noise, and show it."""
     rig = load_rig('rigid_tool.yaml')
-    recording = replace(simulate(with_effects(rig, effects), shaking(commands, rate, size, 2),
-                                 seed=2), target=None, accelerometer=None)
-    diagnosis = ToolSource(rigid_tool_of_rig(rig)).diagnose(recording).diagnosis
-    assert {e.name for e in diagnosis.effects} == set(effects)
-    assert diagnosis.verdict == ('identified' if effects else 'no_gap')
-    for effect in diagnosis.effects:
+    recording = replace(shaken(with_effects(rig, effects), commands, rate, size, 2, shown),
+                        target=None, accelerometer=None)
+    result = ToolSource(rigid_tool_of_rig(rig)).diagnose(recording)
+    assert {e.name for e in result.diagnosis.effects} == set(effects)
+    assert result.diagnosis.verdict == ('identified' if effects else 'no_gap')
+    more, std = result.outcome.recalibrations.get('pose.shake', (0.0, 0.1))
+    assert more == pytest.approx(1.0 / shown - 1.0, abs=0.03) and std <= 0.1
+    for effect in result.diagnosis.effects:
         found = effect.parameters['change']
         assert found.value == pytest.approx(0.05, abs=3.0 * found.std) and found.std < 2e-3
+
+
+@pytest.mark.parametrize('number, value, left', [('shake', 0.5, 0.15),
+                                                 ('compliance', (2.0 * np.pi * 20.0) ** -2, 0.3)])
+def test_a_wrench_follows_what_poses_do_not_say_of_a_shake(number, value, left):
+    """They show a part of it, or an arm gives behind the encoders, with a resonance at 20 Hz."""
+    t = 0.001 * np.arange(10_000)
+    slow = 0.05 * np.sin(np.pi * t) * np.exp(-0.5 * ((t - 5.0) / 1.5) ** 2)
+    fast = 3e-4 * np.sin(2.0 * np.pi * 8.0 * t) * np.exp(-0.5 * ((t - 5.0) / 0.5) ** 2)
+
+    def moved(way):
+        turn = Rotation.from_rotvec(np.outer(10.0 * way, [1.0, 0.5, -0.3])).as_matrix()
+        poses = PoseStream(t, np.outer(way, [1.0, -0.6, 0.4]), np.diag([1.0, -1.0, -1.0]) @ turn)
+        return CarriedTool(Recording(pose=poses), 0.0, 2490, 'acc1')
+
+    (spring,), damped, _ = cont2discrete(([1.0], [value, 3e-4, 1.0]), 0.001, 'bilinear')
+    true = (lfilter(spring, damped, slow + fast) if number == 'compliance'
+            else slow + (1.0 + value) * fast)
+    tool = rigid_tool_of_rig(load_rig('rigid_tool.yaml'))
+    wanted, carried = moved(true).wire(tool), moved(slow + fast)
+    before, after = (np.std(carried.wire(one) - wanted, axis=0)
+                     for one in (tool, replace(tool, **{number: value})))
+    assert (after < left * before).all()
 
 
 def test_a_robot_that_stands_still_excites_nothing():

@@ -32,7 +32,7 @@ from moving_arm import MASS, moving
 import numpy as np
 from own_arm import commands, GRIPPER, LATE, real, RIG, simulated, TOLERANCES, with_imu
 import pytest
-from rig_recordings import shaking, switched
+from rig_recordings import shaken, switched
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 from wrong_recordings import at_wrench, recording_of
@@ -106,7 +106,7 @@ def test_a_payload_picked_up_on_the_way_is_no_gain_and_no_cable(change, part):
 
 
 @cache
-def shaken():
+def shaken_quickly():
     """Return commands that also shake faster than any pose is clear of noise."""
     target = commands()
     rise = np.clip(np.minimum(target.t - 2.0, 9.0 - target.t), 0.0, 1.0)
@@ -115,7 +115,7 @@ def shaken():
 
 
 def test_effects_act_on_what_is_clear_of_the_simulators_noise_and_all_is_compared():
-    other = simulate(RIG, shaken(), seed=4)
+    other = simulate(RIG, shaken_quickly(), seed=4)
     own = CarriedTool(replace(other, accelerometer=None), 0.1, 2900, 'acc1')
     above, clear = _above_band(other, own)
     shakes, rests = (own.t > 4.0) & (own.t < 7.0), (own.t < 1.5) | (own.t > 9.5)
@@ -125,21 +125,22 @@ def test_effects_act_on_what_is_clear_of_the_simulators_noise_and_all_is_compare
                                atol=0.05 * above[shakes, 1].std())
 
 
-@pytest.mark.parametrize('seed, effects', [
-    (1, {}), (6, {'tool_mass': {'change': 0.08}}),
-    pytest.param(8, {'wrench_delay': {'delay': 0.006}}, marks=pytest.mark.long)])
-def test_a_robot_that_shakes_more_than_its_simulation_is_judged_by_its_tool(seed, effects):
+@pytest.mark.parametrize('seed, shown, effects', [
+    (1, 1.0, {}), (6, 0.7, {'tool_mass': {'change': 0.08}}),
+    pytest.param(3, 1.4, {}, marks=pytest.mark.long),
+    pytest.param(9, 1.4, {'wrench_crosstalk': {'fx_of_fz': 0.05}}, marks=pytest.mark.long),
+    pytest.param(8, 1.0, {'wrench_delay': {'delay': 0.006}}, marks=pytest.mark.long)])
+def test_a_robot_that_shakes_more_than_its_simulation_is_judged_by_its_tool(seed, shown, effects):
     """Effects act on what is clear of the noise of poses, instant by instant."""
-    robot = with_imu(simulate(with_effects(RIG, {**LATE, **effects}),
-                              shaking(commands(), 9.0, 3e-4, seed), seed=seed))
-    robot = replace(robot, pose=robot.pose.rows(slice(None, None, 2)))
+    robot = with_imu(shaken(with_effects(RIG, {**LATE, **effects}), commands(), 9.0, 3e-4, seed,
+                            shown))
     diagnosis = PairSource(TOLERANCES, simulated(imu=True)).diagnose(robot).diagnosis
     assert [e.name for e in diagnosis.effects] == list(effects)
     assert (diagnosis.verdict == 'no_gap') == (not effects)
     for effect in diagnosis.effects:
         (name, true), = effects[effect.name].items()
         found = effect.parameters[name]
-        assert found.value == pytest.approx(true, abs=3.0 * found.std) and found.std < 0.03 * true
+        assert found.value == pytest.approx(true, abs=3.0 * found.std) and found.std < 0.06 * true
 
 
 def test_what_carries_a_simulated_tool_for_a_while_is_not_taken_for_its_mass():
@@ -157,8 +158,8 @@ def test_what_carries_a_simulated_tool_for_a_while_is_not_taken_for_its_mass():
     pytest.param({'robot_delay': {'delay': 0.006}}, True, [], marks=pytest.mark.long),
     ({'wrench_delay': {'delay': 0.004}}, False, ['wrench_delay'])])
 def test_what_a_simulator_does_in_quick_motion_is_compared(effects, noisy, named):
-    robot = simulate(with_effects(RIG, effects), shaken(), seed=3)
-    other = simulate(RIG, shaken(), seed=4, noise=noisy)
+    robot = simulate(with_effects(RIG, effects), shaken_quickly(), seed=3)
+    other = simulate(RIG, shaken_quickly(), seed=4, noise=noisy)
     d = PairSource(TOLERANCES, shift_times(other, 50.0)).diagnose(robot).diagnosis
     assert [e.name for e in d.effects] == named
     assert d.verdict in (('identified', 'ambiguous') if named else ('no_gap',))

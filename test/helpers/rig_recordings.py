@@ -93,6 +93,14 @@ def swaying(rig, angle, way, rate) -> PoseStream:
         np.array(rig.home.R_base_sensor) @ Rotation.from_rotvec(turns).as_matrix())
 
 
+def shaken(rig, target, rate, size, seed, shown=1.0) -> Recording:
+    """Return what a rig measures that shakes, of which poses at half its rate show a part."""
+    robot = simulate(rig, shaking(target, rate, size, seed), seed=seed)
+    poses = robot if shown == 1.0 else simulate(
+        rig, shaking(target, rate, shown * size, seed), seed=seed + 50)
+    return replace(robot, pose=poses.pose.rows(slice(None, None, 2)))
+
+
 def shaking(target, rate, size, seed) -> PoseStream:
     """Return commands that also shake eight times, about a rate [Hz] and by a size [m]."""
     rng, way = np.random.default_rng(seed), np.zeros((len(target), 3))

@@ -208,19 +208,19 @@ class Discrepancy:
 
     def __init__(self, of: Basis, signal: Array, train: Sequence[BoolArray]) -> None:
         self.basis, self.signal, self.train = of, signal, list(train)
-        self.kept: WhitenedDiscrepancy | None = None
+        self._last: WhitenedDiscrepancy | None = None
 
     def whitened(self, noise: Sequence[Autoregression]) -> 'WhitenedDiscrepancy':
-        """Return it whitened by a noise: the last one, which takes much memory, is kept."""
-        kept = self.kept
-        if kept is None or any(a is not b for a, b in zip(kept.noise, noise, strict=True)):
-            self.kept = kept = WhitenedDiscrepancy(self, list(noise), kept)
-        return kept
+        """Return it whitened by a noise: the last one, which takes time, is kept."""
+        last = self._last
+        if last is None or any(a is not b for a, b in zip(last.noise, noise, strict=True)):
+            self._last = last = WhitenedDiscrepancy(self, list(noise), last)
+        return last
 
 
 class Modes(NamedTuple):
     """
-    Combinations of a channel's features of which data tell one by one.
+    Combinations of a channel's features that data tell apart.
 
     ``weights``: features to combinations, (k, k); ``information``: on each of these, (k,).
     """

@@ -17,7 +17,8 @@ from forcecal_ros.effects.rig import Rig
 RECALIBRATION_SIGMA = 3.0
 """Standard errors of a recalibration from which it is reported: once in 400 by chance."""
 
-_UNITS = {'accelerometer.delay': 's', 'tool.com': 'm', 'tool.inertia': 'kg m^2'}
+_UNITS = {'accelerometer.delay': 's', 'tool.com': 'm', 'tool.inertia': 'kg m^2',
+          'pose.compliance': 's^2'}
 """Units of nuisances by their names without axis; those that are not listed are relative."""
 
 
