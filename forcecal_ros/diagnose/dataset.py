@@ -22,6 +22,7 @@ from forcecal_ros.sim.signals import BLOCK, block_means, JOINTS, padded, RATE, S
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
+from scipy.sparse import csr_array
 
 STAGES = ('robot', 'tool', 'environment', 'wrench_sensor', 'accelerometer', 'pose', 'timing')
 """Stages along the chain from command to sensor; the clocks last."""
@@ -67,19 +68,17 @@ class _Stream(NamedTuple):
     """
     How one stream's samples fall into blocks and onto the simulated samples.
 
-    ``gapless``: they are consecutive simulated ones; ``per_block``: every block has so many of
-    them, 0 where the blocks differ; ``means``: of the values, block by block.
+    ``at``: interpolates simulated samples to the measured ones; ``mean``: averages these over each
+    of ``blocks``; ``mean_at``: both; ``means``: of the values.
     """
 
     t: Array
     values: Array
-    first: NDArray[np.intp]
-    weights: Array | None
-    starts: NDArray[np.intp]
+    at: csr_array
+    mean: csr_array
+    mean_at: csr_array
     counts: Array
     blocks: NDArray[np.intp]
-    gapless: bool
-    per_block: int
     means: Array
 
 
@@ -123,19 +122,21 @@ class MeasuredBlocks:
         first_kept, last_kept = ok.argmax(), len(ok) - ok[::-1].argmax()
         kept = slice(first_kept, last_kept) if ok[first_kept:last_kept].all() else ok
         u, block = u[kept], block[kept]
-        nearest = np.rint(u)
+        n, nearest = len(u), np.rint(u)
         if np.abs(u - nearest).max() < GRID_TOLERANCE:
-            first, weights = nearest.astype(np.intp), None
+            first, weights = nearest.astype(np.intp), np.ones((n, 1))
         else:
             first = np.clip(np.floor(u).astype(np.intp) - 1, 0, last - 3)
             weights = _lagrange(u - first)
+        k = weights.shape[1]
+        at = csr_array((weights.ravel(), (first[:, np.newaxis] + np.arange(k)).ravel(),
+                        k * np.arange(n + 1)), shape=(n, last + 1))
         starts = np.flatnonzero(np.diff(block, prepend=-1))
-        counts = np.diff(starts, append=len(block)).astype(float)
-        gapless = weights is None and bool((np.diff(first) == 1).all())
-        per_block = int(counts[0]) if (counts == counts[0]).all() else 0
-        stream = _Stream(t[kept], values[kept], first, weights, starts, counts, block[starts],
-                         gapless, per_block, np.zeros(0))
-        self._streams[name] = stream._replace(means=_means(stream.values, stream))
+        counts = np.diff(starts, append=n).astype(float)
+        mean = csr_array((np.repeat(1.0 / counts, counts.astype(np.intp)), np.arange(n),
+                          np.append(starts, n)), shape=(len(starts), n))
+        self._streams[name] = _Stream(t[kept], values[kept], at, mean, csr_array(mean @ at),
+                                      counts, block[starts], mean @ values[kept])
 
     @property
     def streams(self) -> tuple[str, ...]:
@@ -156,7 +157,7 @@ class MeasuredBlocks:
             if name == 'pose':
                 means = self._pose(stream, signals)
             else:
-                means = stream.means - _means(_at(_simulated(name, signals), stream), stream)
+                means = stream.means - stream.mean_at @ _simulated(name, signals)
             out[stream.blocks, STREAM_SLICES[name]] = means
         return out
 
@@ -165,7 +166,7 @@ class MeasuredBlocks:
         known = self._last_pose
         if known is None or known[0]() is not signals.position \
                 or known[1]() is not signals.R_base_sensor:
-            means = _means(self._rows('pose', stream, signals), stream)
+            means = stream.mean @ self._rows('pose', stream, signals)
             self._last_pose = known = ref(signals.position), ref(signals.R_base_sensor), means
         return known[2]
 
@@ -174,7 +175,7 @@ class MeasuredBlocks:
         out = np.zeros((self.n_blocks, simulated.shape[1]))
         if 'wrench' in self._streams:
             stream = self._streams['wrench']
-            out[stream.blocks] = _means(_at(simulated, stream), stream)
+            out[stream.blocks] = stream.mean_at @ simulated
         return out
 
     def since(self, name: str, instant: float) -> Array:
@@ -182,8 +183,7 @@ class MeasuredBlocks:
         out = np.zeros(self.n_blocks)
         if name in self._streams:
             stream = self._streams[name]
-            later = (stream.t >= instant).astype(float)
-            out[stream.blocks] = _means(later[:, np.newaxis], stream)[:, 0]
+            out[stream.blocks] = stream.mean @ (stream.t >= instant)
         return out
 
     def times(self, name: str) -> Array:
@@ -195,7 +195,7 @@ class MeasuredBlocks:
         out = np.zeros(len(CHANNELS))
         for name, stream in self._streams.items():
             rows = self._rows(name, stream, signals)
-            means = np.repeat(_means(rows, stream), stream.counts.astype(np.intp), axis=0)
+            means = np.repeat(stream.mean @ rows, stream.counts.astype(np.intp), axis=0)
             out[STREAM_SLICES[name]] = np.sum((rows - means) ** 2, axis=0) / max(
                 1.0, float(np.sum(stream.counts - 1.0))) * (1.0 - 1.0 / stream.counts.mean())
         return out
@@ -206,9 +206,9 @@ class MeasuredBlocks:
 
     def _rows(self, name: str, stream: _Stream, signals: Signals) -> Array:
         if name != 'pose':
-            return np.asarray(stream.values - _at(_simulated(name, signals), stream))
-        position = _at(signals.position, stream)
-        rotation = _at(signals.R_base_sensor.reshape(-1, 9), stream).reshape(-1, 3, 3)
+            return np.asarray(stream.values - stream.at @ _simulated(name, signals))
+        position = stream.at @ signals.position
+        rotation = (stream.at @ signals.R_base_sensor.reshape(-1, 9)).reshape(-1, 3, 3)
         turned = np.swapaxes(rotation, 1, 2) @ stream.values[:, 3:].reshape(-1, 3, 3)
         turn = 0.5 * np.stack([turned[:, 2, 1] - turned[:, 1, 2],
                                turned[:, 0, 2] - turned[:, 2, 0],
@@ -227,29 +227,6 @@ def _simulated(name: str, s: Signals) -> Array:
              'optidrive': s.optidrive[:, np.newaxis]}[name]
     assert found is not None
     return found
-
-
-def _at(values: Array, stream: _Stream) -> Array:
-    if stream.weights is None:
-        first = int(stream.first[0])
-        if stream.gapless:
-            return values[first:first + len(stream.first)]
-        return values[stream.first]
-    out = np.zeros((len(stream.first), values.shape[1]))
-    for i in range(4):
-        out += stream.weights[:, i:i + 1] * values[stream.first + i]
-    return out
-
-
-def _means(rows: Array, stream: _Stream) -> Array:
-    k = stream.per_block
-    if k:
-        total = rows[::k].copy()
-        for i in range(1, k):
-            total += rows[i::k]
-        return np.asarray(total / k)
-    return np.asarray(np.add.reduceat(rows, stream.starts, axis=0)
-                      / stream.counts[:, np.newaxis])
 
 
 def _lagrange(x: Array) -> Array:

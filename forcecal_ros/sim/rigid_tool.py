@@ -296,16 +296,16 @@ class CarriedTool:
         f = specific_force_of(rigid_tool, self.accelerometer, self._volts(at))
         return np.asarray(f + self.lever @ (com - rigid_tool.accelerometer.position))
 
-    def _unseen(self, rig: Rig) -> Array:
+    def _unseen(self, rig: Rig) -> Array | None:
         """Return what poses do not say of S's acceleration in base, and of alpha, (n, 6)."""
-        return np.asarray(getattr(rig, 'shake', 0.0) * self._fast
-                          + getattr(rig, 'compliance', 0.0) * self._swing)
+        shake, compliance = getattr(rig, 'shake', 0.0), getattr(rig, 'compliance', 0.0)
+        return shake * self._fast + compliance * self._swing if shake or compliance else None
 
     def unseen(self, rig: Rig, point: Array) -> Array:
         """Return what poses do not say of the acceleration of a point of S, in S, (n, 3)."""
         more = self._unseen(rig)
-        return np.asarray(np.einsum('nij,ni->nj', self.R_base_sensor, more[:, :3])
-                          + np.cross(more[:, 3:], point))
+        return np.zeros(3) if more is None else np.asarray(np.einsum(
+            'nij,ni->nj', self.R_base_sensor, more[:, :3]) + np.cross(more[:, 3:], point))
 
     def specific_force_of_origin(self, rig: Rig) -> Array:
         """Return the specific force in the origin of S, shape (n, 3)."""
@@ -321,7 +321,8 @@ class CarriedTool:
         tool = rigid_tool.tool
         inertia = np.array(tool.inertia)
         arm = np.array(tool.com) + self.slide[:, np.newaxis] * [1.0, 0.0, 0.0]
-        alpha = self.alpha + self._unseen(rigid_tool)[:, 3:]
+        more = self._unseen(rigid_tool)
+        alpha = self.alpha if more is None else self.alpha + more[:, 3:]
         spin = alpha @ inertia + np.cross(self.omega, self.omega @ inertia)
         out = np.hstack([-tool.mass * f, -tool.mass * np.cross(arm, f) - spin])
         cable = named_effects(rigid_tool.effects).get(CABLE)

@@ -162,7 +162,8 @@ def test_without_accelerometer_the_position_says_how_the_tool_moves(commands):
 
 
 @pytest.mark.parametrize('rate, size, shown, effects', [
-    (9.0, 3e-4, 1.0, {}), (9.0, 3e-4, 0.7, {'tool_mass': {'change': 0.05}}),
+    (9.0, 3e-4, 0.7, {'tool_mass': {'change': 0.05}}),
+    pytest.param(9.0, 3e-4, 1.0, {}, marks=pytest.mark.long),
     pytest.param(9.0, 3e-4, 1.4, {}, marks=pytest.mark.long),
     pytest.param(11.0, 2e-4, 1.0, {'tool_mass': {'change': 0.05}}, marks=pytest.mark.long),
     pytest.param(8.0, 5e-4, 1.0, {}, marks=pytest.mark.long)])
