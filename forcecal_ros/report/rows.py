@@ -178,7 +178,9 @@ def handy(row: Row, beside: float = 0.0) -> Row:
 
 def value(row: Row) -> str:
     """Return the value as text, to the digits that its standard error warrants."""
-    return f'{row.value:.{MOST_DECIMALS}g}' if negligible(row) else number(row.value, row.std)
+    if negligible(row):
+        return f'{round(row.value, MOST_DECIMALS) + 0.0:.{MOST_DECIMALS}g}'
+    return number(row.value, row.std)
 
 
 def against_truth(row: Row) -> tuple[str, ...]:

@@ -59,7 +59,7 @@ def test_forces_and_torques_have_units_of_their_own(calibration):
 def test_an_error_below_the_last_digit_is_no_zero_and_no_distance():
     exact = Row('map xx', 'map.xx', '1', 0.9999999991, 2e-9, 1.0)
     assert as_text([exact]).splitlines()[2].split() == [
-        'map', 'xx', '1', '<', '1e-7', '1', '-9e-10']
+        'map', 'xx', '1', '<', '1e-7', '1', '0']
 
 
 def test_the_truth_stands_beside_with_its_distance(calibration):
