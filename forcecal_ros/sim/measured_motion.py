@@ -282,24 +282,24 @@ class RecordedSimulation(MeasuredMotion):
         self._clear.beyond = recorded - smooth.wire(rigid_tool) + clear
         self._unclear = self._full.wire(rigid_tool) - self._clear.wire(rigid_tool)
         self.touching = contact_blocks(block_means(below))
-        self._accel = (None if accel is None
-                       else self._carried_over(accel.at(own.t), own, rigid_tool))
+        self._imu = None if accel is None else self._carried_over(
+            accel.at(own.t), own, rigid_tool)
 
-    def _carried_over(self, accel: Array, own: CarriedTool, rigid_tool: RigidTool) -> Array:
-        """Take the Imu's reading without weight to the robot's motion, (n, 3)."""
+    def _carried_over(self, accel: Array, own: CarriedTool, rigid_tool: RigidTool
+                      ) -> tuple[Array, Array]:
+        """Take the Imu's reading without weight to the robot's motion, (n, 3); say its place."""
         f = own.specific_force_of_origin(rigid_tool)
         place = np.linalg.lstsq(own.lever.reshape(-1, 3), (accel - f).ravel(), rcond=1e-6)[0]
         there = self._full.specific_force_of_origin(rigid_tool) + self._full.lever @ place
-        self._place = place
-        return np.asarray(accel - f - own.lever @ place + there - self._full.weight(rigid_tool))
+        return accel - f - own.lever @ place + there - self._full.weight(rigid_tool), place
 
     def signals(self, rig: Rig) -> Signals:
         """Carry a tool along, and the simulator's Imu."""
         found = super().signals(rig)
-        if self._accel is None:
+        if self._imu is None:
             return found
-        accel = (self._accel + self._full.weight(physical_rig(rig))
-                 + self._clear.unseen(rig, self._place))
+        accel, place = self._imu
+        accel = accel + self._full.weight(physical_rig(rig)) + self._clear.unseen(rig, place)
         return found._replace(volts=accelerometer_volts(rig, self.accelerometer, accel))
 
 

@@ -37,12 +37,16 @@ UNKNOWN_DELAY = 0.01
 """Delay between two sensors that no calibration gives, 1 sigma [s]; three are a slow driver."""
 
 FAST, SHAKE = 5.0, 0.3
-"""Frequency from which poses may show more or less than there is [Hz], by a part of 1 sigma."""
+"""
+Motion above this frequency [Hz] may be larger or smaller than poses show, by this ratio, 1 sigma.
+
+Commands are slower. A filter of poses with its corner at 9 Hz hides 0.3 of a shake of 9 Hz.
+"""
 
 COMPLIANCE = 1.3e-4
 """
-Way by which an arm gives behind its encoders for an acceleration, 1 sigma [s^2]: 1 / w^2 of a
-resonance at 14 Hz.
+Displacement of the flange from where encoders see it for an acceleration, 1 sigma [s^2]: joints
+with a resonance at 14 Hz, 1 / w^2.
 """
 
 GYRATION = 0.05
@@ -67,9 +71,9 @@ class RigidTool(Rig):
     accel_behind: Annotated[float, Row(
         'how much later than the wrench the accelerometer shows the same instant', 's')] = 0.0
     shake: Annotated[float, Row(
-        'how much more than its poses say the robot does of what is fast', '1')] = 0.0
+        'how much larger fast motion is than poses show', '1')] = 0.0
     compliance: Annotated[float, Row(
-        'way by which the arm gives behind its encoders for an acceleration', 's^2')] = 0.0
+        'displacement of the flange that encoders do not see, for an acceleration', 's^2')] = 0.0
 
     @property
     def accelerometer_unit(self) -> str:
@@ -214,9 +218,9 @@ class CarriedTool:
         self._travel(pose, moved.position)
         rows = np.hstack([self.acceleration, self.alpha])
         self._fast = rows - slow(rows, RATE, FAST, STEEP)
-        self._swing = -_rate_of(_rate_of(rows))
+        self._deflecting = -_rate_of(_rate_of(rows))
         for name in ('t', 'R_base_sensor', 'position', 'velocity', 'acceleration', 'omega',
-                     'alpha', 'lever', '_fast', '_swing'):
+                     'alpha', 'lever', '_fast', '_deflecting'):
             setattr(self, name, getattr(self, name)[before:before + n])
         self._along = np.einsum('nij,ni->nj', self.R_base_sensor, self.acceleration)
         self._weight = Last[Array]()
@@ -297,12 +301,12 @@ class CarriedTool:
         return np.asarray(f + self.lever @ (com - rigid_tool.accelerometer.position))
 
     def _unseen(self, rig: Rig) -> Array | None:
-        """Return what poses do not say of S's acceleration in base, and of alpha, (n, 6)."""
+        """Return what poses do not show of S's acceleration in base, and of alpha, (n, 6)."""
         shake, compliance = getattr(rig, 'shake', 0.0), getattr(rig, 'compliance', 0.0)
-        return shake * self._fast + compliance * self._swing if shake or compliance else None
+        return shake * self._fast + compliance * self._deflecting if shake or compliance else None
 
     def unseen(self, rig: Rig, point: Array) -> Array:
-        """Return what poses do not say of the acceleration of a point of S, in S, (n, 3)."""
+        """Return what poses do not show of the acceleration of a point of S, in S, (n, 3)."""
         more = self._unseen(rig)
         return np.zeros(3) if more is None else np.asarray(np.einsum(
             'nij,ni->nj', self.R_base_sensor, more[:, :3]) + np.cross(more[:, 3:], point))

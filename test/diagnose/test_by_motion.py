@@ -210,7 +210,7 @@ def behind_encoders(compliance, damping, period):
 
 @pytest.mark.parametrize('number, value, left', [('shake', 0.5, 0.15),
                                                  ('compliance', (2.0 * np.pi * 20.0) ** -2, 0.3)])
-def test_a_wrench_follows_what_poses_do_not_say_of_a_shake(number, value, left):
+def test_a_wrench_follows_what_poses_do_not_show_of_a_shake(number, value, left):
     """They show a part of it, or an arm gives behind the encoders, with a resonance at 20 Hz."""
     t = 0.001 * np.arange(10_000)
     slow = 0.05 * np.sin(np.pi * t) * np.exp(-0.5 * ((t - 5.0) / 1.5) ** 2)

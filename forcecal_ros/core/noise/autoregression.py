@@ -62,7 +62,7 @@ class Autoregression(NamedTuple):
     present: BoolArray
     groups: IntArray
 
-    def whiten(self, columns: Array | NDArray[np.int16], channel: int) -> Array:
+    def whiten(self, columns: Array | NDArray[np.float32], channel: int) -> Array:
         """
         Turn signals of one channel into innovations of unit variance.
 
@@ -120,7 +120,7 @@ class Autoregression(NamedTuple):
         out[:, there] = values
         return out
 
-    def whiten_in_pieces(self, columns: Callable[[slice], Array | NDArray[np.int16]],
+    def whiten_in_pieces(self, columns: Callable[[slice], Array | NDArray[np.float32]],
                          channel: int, whole: int = 1) -> Iterator[tuple[slice, Array]]:
         """
         Whiten many long signals as :meth:`whiten` does, without room for all of them.
@@ -213,20 +213,25 @@ def _longest(steps: IntArray) -> float:
 
 
 @compiled
+def _end_of_stretch(begin: int, groups: IntArray, rows: BoolArray) -> int:
+    # of samples that all count, or all do not, in one kind of motion: short enough for the
+    # processor's cache, and many at a time
+    end = begin + 1
+    while (end < len(rows) and end - begin < 512 and rows[end] == rows[begin]
+           and groups[end] == groups[begin]):
+        end += 1
+    return end
+
+
+@compiled
 def _whiten(columns: Array, coefficients: Array, scale: Array, groups: IntArray,
             rows: BoolArray, out: Array) -> None:
     order, n, end = coefficients.shape[1], columns.shape[1], 0
     out[:] = 0.0
     while end < n:
-        begin = end
-        end += 1
-        if not rows[begin]:
-            continue
+        begin, end = end, _end_of_stretch(end, groups, rows)
         g = groups[begin]
-        # stretches of one model, short enough for the processor's cache, many samples at a time
-        while end < n and end - begin < 512 and rows[end] and groups[end] == g:
-            end += 1
-        for i in range(len(columns)):
+        for i in range(len(columns) if rows[begin] else 0):
             white = out[i, begin:end]
             white[:] = columns[i, begin:end]
             for j in range(order):
@@ -240,26 +245,19 @@ def _whiten(columns: Array, coefficients: Array, scale: Array, groups: IntArray,
 
 
 @compiled
-def _weigh(columns: Array, coefficients: Array, scale: Array, groups: IntArray,
+def _weigh(signal: Array, coefficients: Array, scale: Array, groups: IntArray,
            rows: BoolArray, out: Array) -> None:
-    order, n, end = coefficients.shape[1], columns.shape[1], 0
-    white = np.empty(columns.shape)
-    _whiten(columns, coefficients, scale * scale, groups, rows, white)
+    order, n, end = coefficients.shape[1], signal.shape[1], 0
+    white = np.empty(signal.shape)
+    _whiten(signal, coefficients, scale * scale, groups, rows, white)
     out[:] = white
     while end < n:
-        begin = end
-        end += 1
-        if not rows[begin]:
-            continue
-        g = groups[begin]
-        while end < n and end - begin < 512 and rows[end] and groups[end] == g:
-            end += 1
-        for i in range(len(columns)):
-            for j in range(order):
-                first = max(begin, j + 1)
-                now, past = white[i, first:end], out[i, first - 1 - j:end - 1 - j]
-                for t in range(len(past)):
-                    past[t] -= coefficients[g, j] * now[t]
+        begin, end = end, _end_of_stretch(end, groups, rows)
+        for j in range(order if rows[begin] else 0):
+            first, a = max(begin, j + 1), coefficients[groups[begin], j]
+            now, past = white[0, first:end], out[0, first - 1 - j:end - 1 - j]
+            for t in range(len(past)):
+                past[t] -= a * now[t]
 
 
 def _stationary(a: Array, sigma: float) -> float:

@@ -47,7 +47,7 @@ STREAM = tuple(i for i, name in enumerate(STREAM_SLICES) for c in CHANNELS if c.
 """Place of each channel's stream among the scales."""
 
 WEIGHED_AT_ONCE = 10 ** 6
-"""Samples of signals that are multiplied together: they take 8 MB."""
+"""Samples of all signals that are multiplied by features together, so that they take 8 MB."""
 
 BoolArray = NDArray[np.bool_]
 
@@ -318,23 +318,19 @@ class WhitenedDiscrepancy:
         if key not in self.found:
             if c not in self.features:
                 self.features[c] = self._of_features(c)
-            values, vectors = np.linalg.eigh(self.features[c][int(training)])
-            self.found[key] = Modes(self._scale(c)[:, np.newaxis] * vectors,
-                                     np.maximum(values, 0.0))
+            scale = np.sqrt(self.basis.variance) * self.signal[c]
+            values, vectors = np.linalg.eigh(
+                self.features[c][int(training)] * np.outer(scale, scale))
+            self.found[key] = Modes(scale[:, np.newaxis] * vectors, np.maximum(values, 0.0))
         return self.found[key]
 
-    def _scale(self, c: int) -> Array:
-        return np.asarray(np.sqrt(self.basis.variance) * self.signal[c])
-
     def _of_features(self, c: int) -> Array:
-        """Return the information on a channel's features, by all and by training blocks."""
+        """Return inner products of a channel's features, over all and over training blocks."""
         out = np.zeros((2, len(self.basis.variance), len(self.basis.variance)))
         for noise, rows, train in zip(self.noise, self.basis.rows, self.train):
-            scale = self._scale(c) * rows.unit[:, 0]
-            for part, white in noise.whiten_in_pieces(rows.whole_numbers, c):
+            for part, white in noise.whiten_in_pieces(rows.values, c):
                 square, some = white @ white.T, white[:, train[part]]
-                out += np.outer(scale, scale) * [
-                    square, square if train[part].all() else some @ some.T]
+                out += [square, square if train[part].all() else some @ some.T]
         return out
 
     def predicted(self, residual: Sequence[Array]) -> list[Array]:
@@ -406,11 +402,10 @@ class WhitenedDiscrepancy:
         sums = {c: ChannelSums(c, np.array(js, dtype=np.intp), np.zeros((1 + len(js),) * 2),
                                np.zeros((features, 1 + len(js))), 0) for c, js in there.items()}
         for i, (one, r, noise) in enumerate(zip(columns, residual, self.noise)):
-            blocks = self.train[i] if training else np.ones_like(self.train[i])
             asked = {c: [one[j][c] for j in there[c] if c in one[j]] for c in self.channels
                      if noise.sigma[:, c].any()}
-            for c, (kept, places) in self._multiplied(i, asked, r, blocks, absent,
-                                                      training).items():
+            blocks = self._blocks(i, training)
+            for c, (kept, places) in self._multiplied(i, asked, r, absent, training).items():
                 rows = [0, *(1 + n for n, j in enumerate(there[c]) if c in one[j])]
                 sums[c].own[np.ix_(rows, rows)] += kept.own[np.ix_(places, places)]
                 if not absent:
@@ -421,10 +416,14 @@ class WhitenedDiscrepancy:
                     for c, one in sums.items()}
         return Products(self, len(columns[0]), list(sums.values()), training)
 
+    def _blocks(self, recording: int, training: bool) -> BoolArray:
+        return self.train[recording] if training else np.ones_like(self.train[recording])
+
     def _multiplied(self, recording: int, asked: Mapping[int, Sequence[Compact]],
-                    residual: Array, blocks: BoolArray, absent: bool, training: bool
+                    residual: Array, absent: bool, training: bool
                     ) -> dict[int, tuple[_Kept, NDArray[np.intp]]]:
         """Return each channel's inner products, and where those of residual and columns are."""
+        blocks = self._blocks(recording, training)
         out, distinct, wanted = {}, {}, []
         for c, columns in asked.items():
             kept = self.kept.setdefault((c, training, recording), _Kept(len(self.basis.variance)))
@@ -439,7 +438,8 @@ class WhitenedDiscrepancy:
                 signal = out[c][0].column(i).values() if i else residual[:, c]
                 row[:] = self.noise[recording].weigh(signal, c, blocks)
             if not absent:
-                features = self.basis.rows[recording].products(weighed)
+                features = _product(self.basis.rows[recording].values,
+                                    weighed.astype(np.float32))
             for c in dict(some):
                 kept, here = out[c][0], np.array([c == one for one, _ in some])
                 new = np.array([i for one, i in some if one == c])
@@ -452,7 +452,8 @@ class WhitenedDiscrepancy:
         return out
 
 
-def _product(rows: Callable[[slice], Array], others: Array) -> Array:
+def _product(rows: Callable[[slice], Array | NDArray[np.float32]],
+             others: Array | NDArray[np.float32]) -> Array:
     """Return inner products of signals, shape (k, n) piece by piece, with others, (m, n)."""
     return np.asarray(sum(rows(part) @ others[:, part].T for part in pieces(others.shape[1])))
 

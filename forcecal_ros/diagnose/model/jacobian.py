@@ -49,23 +49,12 @@ class Compact:
         """Return the signals, or a part of their time."""
         return np.asarray(self.numbers[..., rows] * self.unit)
 
-    def whole_numbers(self, rows: slice) -> NDArray[np.int16]:
-        """Return the signals in their units, or a part of their time."""
-        return self.numbers[..., rows]
-
     def combined(self, weights: Array) -> Array:
         """Sum k signals with some weights, shape (..., k) to (..., n)."""
         out = np.empty((*weights.shape[:-1], self.numbers.shape[-1]))
         for rows in pieces(out.shape[-1]):
             out[..., rows] = weights @ self.values(rows)
         return out
-
-    def products(self, others: Array) -> Array:
-        """Return inner products with other signals, shapes (k, n) and (m, n) to (k, m)."""
-        out = np.zeros((len(self.numbers), len(others)))
-        for rows in pieces(others.shape[1]):
-            out += self.numbers[:, rows].astype(np.float32) @ others[:, rows].astype(np.float32).T
-        return out * self.unit
 
     def times(self, factor: float) -> 'Compact':
         """Return the signals times a factor, without a copy."""
