@@ -33,6 +33,7 @@ from forcecal_ros.sim.rigid_tool import CABLE, CarriedTool, RigidTool
 from forcecal_ros.sim.signals import (
     accelerometer_volts,
     block_means,
+    EXACT,
     JOINTS,
     MOST,
     padded,
@@ -536,7 +537,9 @@ class Rerun:
             motion = replace(made, accelerometer=None)
             carried = CarriedTool(motion, self.start - rig.late, self.n_blocks,
                                   self.accelerometer)
-            carried.beyond = carried.recorded_wrench(made) - carried.wire(self._rigid_tool)
+            # as fast as its motion, which is clear of any noise
+            carried.beyond = carried.recorded_wrench(made, EXACT * MOST) - carried.wire(
+                self._rigid_tool)
             accel, joints = (None if one is None else one.at(carried.t)
                             for one in (made.accelerometer, made.joints))
             self._carried[key] = _Carried(carried, accel, joints)

@@ -29,9 +29,12 @@ from forcecal_ros.sim.rerun import (
     library_of,
     MAX_RUNS,
     refuse_too_many,
+    Rerun,
     Runs,
     runs_short,
+    simulated_robot,
 )
+from forcecal_ros.sim.rigid_tool import rigid_tool_of_rig
 from forcecal_ros.sim.third_party import load_simulator, third_party
 from longer import first
 import numpy as np
@@ -155,6 +158,23 @@ class Square(Product):
 
     def simulate(self, inputs, parameters):
         return {'wrench': (T, np.full((len(T), 6), parameters['a'] ** 2)), 'pose': POSE}
+
+
+class Humming(Product):
+    """Its force varies faster than poses are clear of a real robot's noise."""
+
+    def simulate(self, inputs, parameters):
+        hum = parameters['a'] * np.sin(2.0 * np.pi * 10.0 * T)
+        return {'wrench': (T, np.repeat(hum[:, np.newaxis], 6, axis=1)), 'pose': POSE}
+
+
+def test_a_simulated_wrench_is_compared_up_to_as_fast_as_its_motion():
+    simulator, tool = third_party('humming', Humming()), rigid_tool_of_rig(TOLERANCES)
+    runs = Runs(simulator, INPUTS, simulator.run(INPUTS, (1.0,) * 3).pose)
+    runs.try_all((1.0,) * 3)
+    signals = Rerun(runs, 1.0, 500, tool).signals(simulated_robot(tool, simulator.parameters))
+    t = 1.001 + 0.001 * np.arange(2000)
+    np.testing.assert_allclose(signals.wrench[:, 2], np.sin(20.0 * np.pi * t), atol=0.01)
 
 
 def test_lines_are_secants_at_first_and_tangents_where_a_fit_led():
