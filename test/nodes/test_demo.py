@@ -34,9 +34,15 @@ WITHIN = {
 
 
 @pytest.fixture(scope='module')
-def demo(tmp_path_factory):
-    """Run it; once more, as any live test, where a busy machine lost messages of the contact."""
-    for _ in range(2):
+def demos():
+    """Return what a demo left, the last one last."""
+    return []
+
+
+@pytest.fixture
+def demo(demos, request, tmp_path_factory):
+    """Run it once for all tests, and anew where one of them is run again: messages were lost."""
+    if not demos or getattr(request.node, 'execution_count', 1) > 1:
         out = tmp_path_factory.mktemp('demo')
         with pytest.MonkeyPatch.context() as patch, redirect_stdout(StringIO()) as said:
             (out / 'rig.yaml').write_text(dump_rig(slow_rig(500.0)))
@@ -45,11 +51,8 @@ def demo(tmp_path_factory):
             for name, seconds in BRIEF.items():
                 patch.setitem(FOR_SIMULATION, name, seconds)
             assert main(['demo', '--output', str(out), '--json', '--quiet']) == 0
-        if np.diff(read_contact(out / 'bag', 0).t).max() < 0.1:
-            break
-    else:
-        pytest.fail('two demos lost messages of the contact')
-    return out, json.loads(said.getvalue())
+        demos.append((out, json.loads(said.getvalue())))
+    return demos[-1]
 
 
 def test_the_rig_is_identified_live(demo):
@@ -84,7 +87,8 @@ def test_the_recording_replays_to_what_was_published(demo):
     assert during.sum() > 200
     live = published.at(again.t[during])
     apart = np.linalg.norm((again.contact[during] - live)[:, :3], axis=1)
-    # A busy machine loses messages here that it records, and the reverse, each felt for a moment.
+    # a busy machine loses messages here that it records, and the reverse, each felt for a moment;
+    # half of an accelerometer's, one by one, make 0.24 N
     assert np.median(apart) < 0.05
     names = [phase.name for phase in recording.phases]
     for word in ('measure', 'move', 'settle', 'step', 'approach', 'contact', 'retract', 'done'):
