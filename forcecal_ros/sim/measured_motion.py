@@ -17,7 +17,15 @@ from forcecal_ros.effects import EFFECTS, physical_rig
 from forcecal_ros.effects.nuisances import NAMELESS, Nuisance, of_sensors, OF_TOOL, with_inertia
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.effects.signals import INVERTIBLE
-from forcecal_ros.sim.rigid_tool import CABLE, CarriedTool, only, RigidTool, SMOOTH, UNKNOWN_DELAY
+from forcecal_ros.sim.rigid_tool import (
+    CABLE,
+    CarriedTool,
+    only,
+    RigidTool,
+    SMOOTH,
+    UNKNOWN_DELAY,
+    UNSHOWN,
+)
 from forcecal_ros.sim.signals import (
     accelerometer_volts,
     BLOCK,
@@ -182,7 +190,7 @@ class MeasuredMotion:
                              for i, a in enumerate('xyz'))]
         if not self.from_accelerometer:
             found += [Nuisance(f'pose.{name}', name, _more(name))
-                      for name in ('shake', 'compliance')]
+                      for name in UNSHOWN]
         else:
             assert isinstance(rig, RigidTool)
             unknown = rig.spreads.accel_behind >= UNKNOWN_DELAY
@@ -286,21 +294,35 @@ class RecordedSimulation(MeasuredMotion):
             accel.at(own.t), own, rigid_tool)
 
     def _carried_over(self, accel: Array, own: CarriedTool, rigid_tool: RigidTool
-                      ) -> tuple[Array, Array]:
-        """Take the Imu's reading without weight to the robot's motion, (n, 3); say its place."""
+                      ) -> tuple[Array, Array, Array]:
+        """
+        Take the Imu's reading without weight to the robot's motion.
+
+        Returns
+        -------
+        clear : ndarray, shape (n, 3)
+            As far as that is clear of noise [m/s^2].
+        unclear : ndarray, shape (n, 3)
+            What the sensor makes of the rest.
+        place : ndarray, shape (3,)
+            Of the Imu in S [m].
+        """
         f = own.specific_force_of_origin(rigid_tool)
         place = np.linalg.lstsq(own.lever.reshape(-1, 3), (accel - f).ravel(), rcond=1e-6)[0]
-        there = self._full.specific_force_of_origin(rigid_tool) + self._full.lever @ place
-        return accel - f - own.lever @ place + there - self._full.weight(rigid_tool), place
+        full, clear = (accel - f - own.lever @ place + there.specific_force_of_origin(rigid_tool)
+                       + there.lever @ place for there in (self._full, self._clear))
+        sensed = [accelerometer_volts(rigid_tool, self.accelerometer, a) for a in (full, clear)]
+        return clear - self._clear.weight(rigid_tool), sensed[0] - sensed[1], place
 
     def signals(self, rig: Rig) -> Signals:
         """Carry a tool along, and the simulator's Imu."""
         found = super().signals(rig)
         if self._imu is None:
             return found
-        accel, place = self._imu
-        accel = accel + self._full.weight(physical_rig(rig)) + self._clear.unseen(rig, place)
-        return found._replace(volts=accelerometer_volts(rig, self.accelerometer, accel))
+        accel, unclear, place = self._imu
+        accel = accel + self._clear.weight(physical_rig(rig)) + self._clear.unseen(rig, place)
+        volts = accelerometer_volts(rig, self.accelerometer, accel) + unclear
+        return found._replace(volts=volts)
 
 
 def _above_band(simulated: Recording, own: CarriedTool) -> tuple[Array, Array]:

@@ -43,11 +43,20 @@ Motion above this frequency [Hz] may be larger or smaller than poses show, by th
 Commands are slower. A filter of poses with its corner at 9 Hz hides 0.3 of a shake of 9 Hz.
 """
 
+BEHIND = 0.007
+"""
+Time by which such motion may be later or earlier than poses show, 1 sigma [s]: a filter of poses
+with its corner at 23 Hz makes them so late.
+"""
+
 COMPLIANCE = 1.3e-4
 """
 Displacement of the flange from where encoders see it for an acceleration, 1 sigma [s^2]: joints
 with a resonance at 14 Hz, 1 / w^2.
 """
+
+UNSHOWN = 'shake', 'behind', 'compliance'
+"""What poses may not show of a motion."""
 
 GYRATION = 0.05
 """Radius of gyration of a tool whose inertia is not known, 1 sigma: a gripper's [m]."""
@@ -60,6 +69,7 @@ class RigidToolSpreads(NominalTolerances):
     accel_behind: Annotated[float, Row('of accel_behind', 's', 0.0)] = 0.0
     own_inertia: Annotated[float, Row('absolute', 'kg m^2', 0.0)] = 0.0
     shake: Annotated[float, Row('absolute', '1', 0.0)] = SHAKE
+    behind: Annotated[float, Row('absolute', 's', 0.0)] = BEHIND
     compliance: Annotated[float, Row('absolute', 's^2', 0.0)] = COMPLIANCE
 
 
@@ -72,6 +82,7 @@ class RigidTool(Rig):
         'how much later than the wrench the accelerometer shows the same instant', 's')] = 0.0
     shake: Annotated[float, Row(
         'how much larger fast motion is than poses show', '1')] = 0.0
+    behind: Annotated[float, Row('how much later fast motion is than poses show', 's')] = 0.0
     compliance: Annotated[float, Row(
         'displacement of the flange that encoders do not see, for an acceleration', 's^2')] = 0.0
 
@@ -302,8 +313,11 @@ class CarriedTool:
 
     def _unseen(self, rig: Rig) -> Array | None:
         """Return what poses do not show of S's acceleration in base, and of alpha, (n, 6)."""
-        shake, compliance = getattr(rig, 'shake', 0.0), getattr(rig, 'compliance', 0.0)
-        return shake * self._fast + compliance * self._deflecting if shake or compliance else None
+        shake, behind, compliance = (getattr(rig, name, 0.0) for name in UNSHOWN)
+        if not (shake or behind or compliance):
+            return None
+        there = _later(self._fast, behind) if behind else self._fast
+        return (1.0 + shake) * there - self._fast + compliance * self._deflecting
 
     def unseen(self, rig: Rig, point: Array) -> Array:
         """Return what poses do not show of the acceleration of a point of S, in S, (n, 3)."""
@@ -351,8 +365,15 @@ class CarriedTool:
 
 def beyond(recording: Recording, signals: Signals) -> Array:
     """Return what a recorded wrench has beyond a simulated, in block means, (blocks, 6)."""
-    t: Array = signals.start + (1.0 + np.arange(len(signals.wrench), dtype=np.float64)) / RATE
-    return block_means(_wrench_at(t, recording) - signals.wrench)
+    n_blocks = len(signals.wrench) // round(BLOCK * RATE)
+    return block_means(wrench_of_blocks(recording, signals.start, n_blocks) - signals.wrench)
+
+
+def wrench_of_blocks(recording: Recording, start: float, n_blocks: int, band: float = MOST
+                     ) -> Array:
+    """Return a recorded wrench up to a frequency [Hz], at the instants of blocks, (n, 6)."""
+    count = 1.0 + np.arange(n_blocks * round(BLOCK * RATE), dtype=np.float64)
+    return _wrench_at(start + count / RATE, recording, band)
 
 
 def _wrench_at(t: Array, recording: Recording, band: float = MOST) -> Array:
@@ -370,6 +391,11 @@ def _evenly(t: Array, rows: Array) -> tuple[Array, float]:
     """Return rows at regular instants, and their rate [Hz]."""
     rate = (len(t) - 1) / (t[-1] - t[0])
     return Stream(t, rows).at(t[0] + np.arange(len(t)) / rate), rate
+
+
+def _later(rows: Array, seconds: float) -> Array:
+    t = np.arange(len(rows)) / RATE
+    return np.stack([np.interp(t - seconds, t, row) for row in rows.T], axis=1)
 
 
 def _rate_of(rows: Array) -> Array:

@@ -8,7 +8,7 @@ import re
 from changed import with_values
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.errors import DataError
-from forcecal_ros.core.streams import JointStream
+from forcecal_ros.core.streams import JointStream, Stream
 from forcecal_ros.diagnose.dataset import span
 from forcecal_ros.diagnose.judge.residual_summary import summarise_residual
 from forcecal_ros.diagnose.localise import compare_motions
@@ -34,6 +34,7 @@ from own_arm import commands, GRIPPER, LATE, real, RIG, simulated, TOLERANCES, w
 import pytest
 from rig_recordings import shaken, switched
 from scipy.interpolate import CubicSpline
+from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 from wrong_recordings import at_wrench, recording_of
 
@@ -142,6 +143,29 @@ def test_a_robot_that_shakes_more_than_its_simulation_is_judged_by_its_tool(seed
         (name, true), = effects[effect.name].items()
         found = effect.parameters[name]
         assert found.value == pytest.approx(true, abs=3.0 * found.std) and found.std < 0.06 * true
+
+
+@pytest.mark.parametrize('seed, size, late, effects', [
+    (7, 1.0, 0.009, {}), (1, 0.3, 0.009, {'accel_delay': {'delay': 0.006}}),
+    pytest.param(1, 0.3, 0.009, {}, marks=pytest.mark.long),
+    pytest.param(5, 1.0, -0.009, {}, marks=pytest.mark.long),
+    pytest.param(3, 0.3, 0.0, {'accel_delay': {'delay': 0.006}}, marks=pytest.mark.long)])
+def test_a_shake_that_is_later_than_poses_show_is_no_delay_of_the_imu(seed, size, late, effects):
+    """Of 8 to 25 Hz, at 1 m/s^2: poses at 125 Hz are clear of noise below 16 Hz."""
+    target = commands()
+    shake = sosfiltfilt(butter(4, [8.0, 25.0], 'bandpass', fs=250.0, output='sos'),
+                        np.random.default_rng(seed).normal(size=(len(target), 3)), axis=0)
+    shake *= np.clip(np.minimum(target.t - 2.0, 9.5 - target.t), 0.0, 1.0)[:, np.newaxis]
+    shake *= size / np.diff(shake, 2, axis=0)[750:2250].std() * 0.004 ** 2
+    shown, moved = (replace(target, position=target.position + Stream(target.t + by, shake).at(
+        target.t)) for by in (0.0, late))
+    robot, told = (simulate(with_effects(RIG, {**LATE, **effects}), one, seed=seed)
+                   for one in (moved, shown))
+    robot = with_imu(replace(robot, pose=told.pose.rows(slice(None, None, 2))))
+    diagnosis = PairSource(TOLERANCES, simulated(imu=True)).diagnose(robot).diagnosis
+    assert {e.name: e.parameters['delay'].value for e in diagnosis.effects} == pytest.approx(
+        {name: values['delay'] for name, values in effects.items()}, abs=3e-4)
+    assert diagnosis.verdict == ('identified' if effects else 'no_gap')
 
 
 def test_what_carries_a_simulated_tool_for_a_while_is_not_taken_for_its_mass():
