@@ -29,12 +29,13 @@ from forcecal_ros.sim.measured_motion import (
     widen_blocks,
 )
 from forcecal_ros.sim.protocol import Inputs, Parameter
-from forcecal_ros.sim.rigid_tool import CABLE, CarriedTool, RigidTool
+from forcecal_ros.sim.rigid_tool import CABLE, CarriedTool, RigidTool, wrench_of_blocks
 from forcecal_ros.sim.signals import (
     accelerometer_volts,
     block_means,
     EXACT,
     JOINTS,
+    KEPT,
     MOST,
     padded,
     Signals,
@@ -172,7 +173,7 @@ class Runs:
             if abs(self._away(self.tried(numbers, i), numbers)[i]) > BENT:
                 lines[numbers] = self._try(here, numbers, i)
         settled = [one for one in self.points if one not in self._whole]
-        for old in settled[:-KEPT]:
+        for old in settled[:-POINTS_KEPT]:
             self.points.remove(old)
             del self._exact[old]
         for i, lines in enumerate(self._lines):
@@ -276,7 +277,7 @@ How near to where it was run a line is as good as another run [sigma]: it is ben
 what one sigma is.
 """
 
-KEPT = 12
+POINTS_KEPT = 12
 """
 Points that are kept where fits settled, beside those at which all parameters were tried: each
 holds a recording, and one for every parameter that went far.
@@ -432,6 +433,9 @@ class Rerun:
     """
     One recording's commands, simulated by a third-party simulator as often as needed.
 
+    No simulation is right about what is faster than its band. Lest a parameter be named that only
+    makes less of it, that part of the wrench stays as it was in the first run.
+
     Parameters
     ----------
     start : float
@@ -449,6 +453,9 @@ class Rerun:
         self.accelerated = nominal.accelerometer is not None
         self.joints = () if nominal.joints is None else nominal.joints.names
         self.library: Mapping[str, Effect] = library_of(runs.simulator.parameters)
+        fast, slower = (wrench_of_blocks(nominal, start, n_blocks, wide * MOST)
+                        for wide in (EXACT, KEPT))
+        self._above = fast - slower
         self._carried: dict[tuple[Numbers, float, float], _Carried] = {}
 
     def can_show(self, effect: str, rig: Rig) -> bool:
@@ -536,10 +543,9 @@ class Rerun:
             made = self.runs.integrated(rig.numbers, rig.finer)
             motion = replace(made, accelerometer=None)
             carried = CarriedTool(motion, self.start - rig.late, self.n_blocks,
-                                  self.accelerometer)
-            # as fast as its motion, which is clear of any noise
-            carried.beyond = carried.recorded_wrench(made, EXACT * MOST) - carried.wire(
-                self._rigid_tool)
+                                  self.accelerometer, clear=True)
+            carried.beyond = self._above + carried.recorded_wrench(
+                made, KEPT * MOST) - carried.wire(self._rigid_tool)
             accel, joints = (None if one is None else one.at(carried.t)
                             for one in (made.accelerometer, made.joints))
             self._carried[key] = _Carried(carried, accel, joints)

@@ -25,9 +25,9 @@ from forcecal_ros.io.bags import read_recording, write_recording
 from forcecal_ros.sim.protocol import Inputs, Parameter
 from forcecal_ros.sim.rerun import (
     is_addable,
-    KEPT,
     library_of,
     MAX_RUNS,
+    POINTS_KEPT,
     refuse_too_many,
     Rerun,
     Runs,
@@ -164,17 +164,22 @@ class Humming(Product):
     """Its force varies faster than poses are clear of a real robot's noise."""
 
     def simulate(self, inputs, parameters):
-        hum = parameters['a'] * np.sin(2.0 * np.pi * 10.0 * T)
+        hum = parameters['a'] * (np.sin(20.0 * np.pi * T) + np.sin(44.0 * np.pi * T))
         return {'wrench': (T, np.repeat(hum[:, np.newaxis], 6, axis=1)), 'pose': POSE}
 
 
-def test_a_simulated_wrench_is_compared_up_to_as_fast_as_its_motion():
+def test_a_parameter_changes_what_a_simulation_is_meant_for_and_leaves_what_is_faster():
     simulator, tool = third_party('humming', Humming()), rigid_tool_of_rig(TOLERANCES)
     runs = Runs(simulator, INPUTS, simulator.run(INPUTS, (1.0,) * 3).pose)
     runs.try_all((1.0,) * 3)
-    signals = Rerun(runs, 1.0, 500, tool).signals(simulated_robot(tool, simulator.parameters))
+    rerun, robot = Rerun(runs, 1.0, 500, tool), simulated_robot(tool, simulator.parameters)
+    first, other = (rerun.signals(replace(robot, numbers=(a, 1.0, 1.0))).wrench[:, 2]
+                    for a in (1.0, 1.5))
     t = 1.001 + 0.001 * np.arange(2000)
-    np.testing.assert_allclose(signals.wrench[:, 2], np.sin(20.0 * np.pi * t), atol=0.01)
+    slower, faster = (np.sin(2.0 * np.pi * rate * t) / 1000.0 for rate in (10.0, 22.0))
+    assert first @ slower == pytest.approx(1.0, abs=0.01) and first @ faster > 0.6
+    assert (other - first) @ slower == pytest.approx(0.5, abs=0.02)
+    assert abs((other - first) @ faster) < 0.05
 
 
 def test_lines_are_secants_at_first_and_tangents_where_a_fit_led():
@@ -208,9 +213,9 @@ def test_of_where_fits_settled_the_last_are_kept():
     simulator = third_party('product', Product())
     runs = Runs(simulator, INPUTS, simulator.run(INPUTS, (1.0,) * 3).pose)
     runs.try_all((1.0,) * 3)
-    for i in range(KEPT + 2):
+    for i in range(POINTS_KEPT + 2):
         assert runs.settle((1.0, 1.0, 1.02 + 0.02 * i))
-    assert len(runs.points) == KEPT + 1
+    assert len(runs.points) == POINTS_KEPT + 1
     assert runs.near((1.0,) * 3) == (1.0,) * 3 and runs.near((1.0, 1.0, 1.04))[2] > 1.05
 
 

@@ -343,17 +343,26 @@ def _all_the_time(now: Explanation) -> Explanation:
     return other if other and other.evidence > now.evidence - WORTH else now
 
 
-def _linearised_anew(now: Explanation) -> Explanation:
-    """Run a simulator where a fit ended, linearise it in all its numbers if far, and fit on."""
+def _linearised_anew(now: Explanation, nearby: bool = False) -> Explanation:
+    """
+    Run a simulator where a fit ended, linearise it in all its numbers if far, and fit on.
+
+    Parameters
+    ----------
+    nearby : bool
+        Whether it may have been run there meanwhile, for another explanation.
+    """
     model = replace(now.fit.model)
-    if not (model.settle(whole=True) or model.settle()):
+    ran = model.settle(whole=True) or model.settle()
+    if not (ran or nearby):
         return now
     model.linearise()
     before = model.log_posterior()
     fit = joint_fit_if_finite(model, now.fit.accepted)
     if fit is None:
         return now
-    anew, further = weigh(fit, now.ways), fit.model.log_posterior() > before + WORTHWHILE
+    anew = weigh(fit, now.ways)
+    further = ran and fit.model.log_posterior() > before + WORTHWHILE
     return _linearised_anew(anew) if further else anew
 
 
@@ -391,12 +400,22 @@ def _likeliest(pool: Sequence[Explanation]) -> list[Explanation]:
 
 def _weighed_beside(start: LinearisedModel, best: Explanation, table: _Table
                     ) -> list[Explanation]:
-    """Add effects to what is explained, the likeliest linearised where its fit ended."""
+    """
+    Add effects to what is explained, the likeliest linearised where their fits ended.
+
+    What others lack to the likeliest may be due to their lines where it is less than what the
+    likeliest gains by lines of its own.
+    """
     known: set[frozenset[str]] = set()
     children = _likeliest(extended(best, table, known))
     if not children:
         return []
-    children = _likeliest([_linearised_anew(children[0]), *children])
+    first = children[0]
+    rivals = [_linearised_anew(first)]
+    gained = rivals[0].evidence - first.evidence
+    rivals += [_linearised_anew(one, nearby=True) for one in children[1:]
+               if one.evidence > first.evidence - gained]
+    children = _likeliest([*rivals, *children])
     return _likeliest([*children, *_exchanged(start, children[0], table, known)])
 
 

@@ -74,6 +74,21 @@ def test_what_takes_the_place_of_an_effect_brings_half_as_much_and_is_fitted_onc
     assert fitted == ['more'] and frozenset(('b', 'more')) in known
 
 
+def test_rivals_get_lines_of_their_own_where_the_likeliest_gained_more_by_its_own(monkeypatch):
+    """A late wrench was a low-pass of 0.99: only its line was taken where its fit ended."""
+    found = [explanation([name], evidence) for name, evidence in (
+        ('wrench_lowpass', 853.0), ('wrench_delay', 849.0), ('wrench_hysteresis', 198.0))]
+
+    def anew(one, nearby=False):
+        return one._replace(evidence=one.evidence + 340.0)
+
+    monkeypatch.setattr(posterior, 'extended', lambda *_: found)
+    monkeypatch.setattr(posterior, '_linearised_anew', anew)
+    monkeypatch.setattr(posterior, '_exchanged', lambda *_: [])
+    lowpass, delay, hysteresis = posterior._weighed_beside(None, explanation([], 0.0), None)
+    assert [one.evidence for one in (lowpass, delay, hysteresis)] == [1193.0, 1189.0, 198.0]
+
+
 def test_alternatives_are_those_in_the_place_of_one_effect():
     chosen = explanation(['a', 'b'], 50.0)
     others = [explanation(['a', 'c'], 40.0), explanation(['b', 'c'], 45.0),
