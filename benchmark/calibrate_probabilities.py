@@ -25,7 +25,7 @@ from forcecal_ros.diagnose.verdict import NAMED, UNKNOWN
 import numpy as np
 from scipy.optimize import minimize
 
-PRIOR = Calibration(0.0, (1.5, 2.0), (2.0, 0.005, 0.2), 0.99)
+PRIOR = Calibration(0.0, (1.5, 2.0), (2.0, 0.002, 0.2), 0.99)
 """
 Mean of what is fitted: as likely as not where an effect brings the evidence that is missing, less
 likely by 2 in log odds for each effect beside it that brings as much.

@@ -205,10 +205,10 @@ def test_a_tool_is_weighed_on_an_arm_that_gives_behind_its_encoders(commands):
 @pytest.mark.parametrize('effect, number', [
     ('wrench_delay', 'delay'), ('wrench_lowpass', 'time_constant')])
 def test_a_late_wrench_along_noisy_poses_is_no_low_pass_for_sure(commands, effect, number):
-    """By 33 of 2,252 a low-pass explains more of it, which smooths what noise a prediction has."""
+    """By 14 of 2,265 a low-pass explains more of it, which smooths what noise a prediction has."""
     rig = load_rig('rigid_tool.yaml')
     recording = replace(shaken(with_effects(rig, {effect: {number: 0.006}}), commands, 9.0, 3e-4,
-                               16), target=None, accelerometer=None)
+                               9), target=None, accelerometer=None)
     found = ToolSource(rigid_tool_of_rig(rig)).diagnose(recording).diagnosis
     assert effect in dict(found.candidates)
     assert (found.verdict == 'identified') == (effect == 'wrench_lowpass')
