@@ -64,6 +64,7 @@ def late(one, seconds=1.5):
 ROWS = {
     'sign': (mapped(lambda w: -w), 'opposite sign'),
     'sign of the forces': (mapped(lambda w: w * np.repeat([-1, 1], 3)), 'opposite sign'),
+    'sign of the torques': (mapped(lambda w: w * np.repeat([1, -1], 3)), 'opposite sign'),
     'base': (lambda one: replace(one, wrench=wrong_recordings.in_base(
         one, np.full(len(one.t), True))), 'in the base frame, not in the sensor'),
     'inverted': (wrong('pose of base in the sensor'), 'it is inverted'),
@@ -193,8 +194,9 @@ def test_a_rig_names_the_other_sign_than_the_stated_one(sign):
         require_axes_of(load_rig(), replace(recording, wrench_sign=sign))
 
 
-def test_raw_counts_are_refused_by_their_bias():
-    counts = mapped(lambda w: 30.0 * w + [20_000.0, 20_000.0, 20_000.0, 0, 0, 0])
+@pytest.mark.parametrize('scale', [30.0, 100.0])
+def test_raw_counts_are_refused_by_their_bias(scale):
+    counts = mapped(lambda w: scale * w + [20_000.0, 20_000.0, 20_000.0, 0, 0, 0])
     with pytest.raises(DataError, match='raw counts'):
         judge(recording_of(counts(moving(8))), DOWN)
 

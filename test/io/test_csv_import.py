@@ -371,6 +371,8 @@ def test_binary_and_missing_files_are_one_line(tmp_path):
     (tmp_path / 'log.csv').write_bytes(b'\xff\xfe\x00t,\x80')
     with pytest.raises(DataError, match='not a text table'):
         assemble(load_specification(specification))
+    with pytest.raises(ConfigError, match='log.csv: binary data, expected YAML'):
+        load_specification(tmp_path / 'log.csv')
     (tmp_path / 'log.csv').unlink()
     with pytest.raises(DataError, match='log.csv: cannot be read .*No such file'):
         assemble(load_specification(specification))
