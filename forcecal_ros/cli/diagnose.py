@@ -170,7 +170,7 @@ def _likewise(args: argparse.Namespace) -> tuple[str, ...]:
              for word in ('--simulated-topic', f'{role}={name}')]
     for name in (*COMPARED, 'imu', 'ft_site', 'priors', 'accelerometer', 'tolerance',
                  'simulated_wrench_sign', 'simulated_sensor_from_pose'):
-        if (value := getattr(args, name)) not in (None, 1, TOLERANCE):
+        if (value := getattr(args, name)) is not None:
             numbers = value if isinstance(value, list) else [value]
             words += [f'--{name.replace("_", "-")}', *map(str, numbers)]
     return (*words, *common.read_likewise(args))

@@ -11,7 +11,8 @@ import sys
 from calibration_runs import brief_run
 from forcecal_ros.cli.check import as_text, inspect
 from forcecal_ros.cli.common import as_started
-from forcecal_ros.cli.main import main
+from forcecal_ros.cli.diagnose import _likewise
+from forcecal_ros.cli.main import main, parse
 from forcecal_ros.core.calibration import Estimate
 from forcecal_ros.core.errors import ConfigError, DataError
 from forcecal_ros.core.geometry import rotation_from_vector
@@ -220,3 +221,9 @@ def test_a_shell_completes_commands_options_and_choices(tmp_path, line, expected
         **os.environ, '_ARGCOMPLETE': '1', '_ARGCOMPLETE_IFS': ' ', 'COMP_LINE': line,
         'COMP_POINT': str(len(line)), '_ARGCOMPLETE_STDOUT_FILENAME': str(found)})
     assert found.read_text().strip() == expected
+
+
+def test_the_command_for_the_next_recording_repeats_what_was_stated():
+    stated = ['--simulated', 'sim', '--tolerance', '0.1', '--simulated-wrench-sign', '1']
+    assert list(_likewise(parse(['diagnose', 'bag', '-o', 'out', *stated]))) == stated
+    assert not _likewise(parse(['diagnose', 'bag', '-o', 'out']))
