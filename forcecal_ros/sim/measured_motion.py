@@ -21,10 +21,10 @@ from forcecal_ros.sim.rigid_tool import (
     CABLE,
     CarriedTool,
     only,
+    POSE_ERRORS,
     RigidTool,
     SMOOTH,
     UNKNOWN_DELAY,
-    UNSHOWN,
 )
 from forcecal_ros.sim.signals import (
     accelerometer_volts,
@@ -189,8 +189,7 @@ class MeasuredMotion:
                                       least=-own[i], limit=NAMELESS)
                              for i, a in enumerate('xyz'))]
         if not self.from_accelerometer:
-            found += [Nuisance(f'pose.{name}', name, _more(name))
-                      for name in UNSHOWN]
+            found += [Nuisance(f'pose.{name}', name, _more(name)) for name in POSE_ERRORS]
         else:
             assert isinstance(rig, RigidTool)
             unknown = rig.spreads.accel_behind >= UNKNOWN_DELAY
@@ -320,9 +319,10 @@ class RecordedSimulation(MeasuredMotion):
         if self._imu is None:
             return found
         accel, unclear, place = self._imu
-        accel = accel + self._clear.weight(physical_rig(rig)) + self._clear.unseen(rig, place)
-        volts = accelerometer_volts(rig, self.accelerometer, accel) + unclear
-        return found._replace(volts=volts)
+        accel = (accel + self._clear.weight(physical_rig(rig))
+                 + self._clear.acceleration_error(rig, place))
+        return found._replace(
+            volts=accelerometer_volts(rig, self.accelerometer, accel) + unclear)
 
 
 def _above_band(simulated: Recording, own: CarriedTool) -> tuple[Array, Array]:

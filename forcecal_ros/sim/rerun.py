@@ -173,7 +173,7 @@ class Runs:
             if abs(self._away(self.tried(numbers, i), numbers)[i]) > BENT:
                 lines[numbers] = self._try(here, numbers, i)
         settled = [one for one in self.points if one not in self._whole]
-        for old in settled[:-POINTS_KEPT]:
+        for old in settled[:-MAX_POINTS]:
             self.points.remove(old)
             del self._exact[old]
         for i, lines in enumerate(self._lines):
@@ -277,7 +277,7 @@ How near to where it was run a line is as good as another run [sigma]: it is ben
 what one sigma is.
 """
 
-POINTS_KEPT = 12
+MAX_POINTS = 12
 """
 Points that are kept where fits settled, beside those at which all parameters were tried: each
 holds a recording, and one for every parameter that went far.
@@ -433,8 +433,8 @@ class Rerun:
     """
     One recording's commands, simulated by a third-party simulator as often as needed.
 
-    No simulation is right about what is faster than its band. Lest a parameter be named that only
-    makes less of it, that part of the wrench stays as it was in the first run.
+    No simulation is right above its band. That part of the wrench stays as it was in the first
+    run: otherwise a parameter would be named that only reduces it.
 
     Parameters
     ----------
@@ -455,7 +455,7 @@ class Rerun:
         self.library: Mapping[str, Effect] = library_of(runs.simulator.parameters)
         fast, slower = (wrench_of_blocks(nominal, start, n_blocks, wide * MOST)
                         for wide in (EXACT, KEPT))
-        self._above = fast - slower
+        self._above_band = fast - slower
         self._carried: dict[tuple[Numbers, float, float], _Carried] = {}
 
     def can_show(self, effect: str, rig: Rig) -> bool:
@@ -544,7 +544,7 @@ class Rerun:
             motion = replace(made, accelerometer=None)
             carried = CarriedTool(motion, self.start - rig.late, self.n_blocks,
                                   self.accelerometer, clear=True)
-            carried.beyond = self._above + carried.recorded_wrench(
+            carried.beyond = self._above_band + carried.recorded_wrench(
                 made, KEPT * MOST) - carried.wire(self._rigid_tool)
             accel, joints = (None if one is None else one.at(carried.t)
                             for one in (made.accelerometer, made.joints))

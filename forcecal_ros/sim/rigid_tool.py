@@ -43,10 +43,10 @@ Motion above this frequency [Hz] may be larger or smaller than poses show, by th
 Commands are slower. A filter of poses with its corner at 9 Hz hides 0.3 of a shake of 9 Hz.
 """
 
-BEHIND = 0.007
+SHAKE_DELAY_S = 0.007
 """
-Time by which such motion may be later or earlier than poses show, 1 sigma [s]: a filter of poses
-with its corner at 23 Hz makes them so late.
+Delay of motion above that frequency behind poses, 1 sigma [s]; negative where poses are late, as
+behind a filter with its corner at 23 Hz.
 """
 
 COMPLIANCE = 1.3e-4
@@ -55,8 +55,8 @@ Displacement of the flange from where encoders see it for an acceleration, 1 sig
 with a resonance at 14 Hz, 1 / w^2.
 """
 
-UNSHOWN = 'shake', 'behind', 'compliance'
-"""What poses may not show of a motion."""
+POSE_ERRORS = 'shake', 'shake_delay', 'compliance'
+"""Ways in which poses may misreport a motion."""
 
 GYRATION = 0.05
 """Radius of gyration of a tool whose inertia is not known, 1 sigma: a gripper's [m]."""
@@ -69,7 +69,7 @@ class RigidToolSpreads(NominalTolerances):
     accel_behind: Annotated[float, Row('of accel_behind', 's', 0.0)] = 0.0
     own_inertia: Annotated[float, Row('absolute', 'kg m^2', 0.0)] = 0.0
     shake: Annotated[float, Row('absolute', '1', 0.0)] = SHAKE
-    behind: Annotated[float, Row('absolute', 's', 0.0)] = BEHIND
+    shake_delay: Annotated[float, Row('absolute', 's', 0.0)] = SHAKE_DELAY_S
     compliance: Annotated[float, Row('absolute', 's^2', 0.0)] = COMPLIANCE
 
 
@@ -82,7 +82,8 @@ class RigidTool(Rig):
         'how much later than the wrench the accelerometer shows the same instant', 's')] = 0.0
     shake: Annotated[float, Row(
         'how much larger fast motion is than poses show', '1')] = 0.0
-    behind: Annotated[float, Row('how much later fast motion is than poses show', 's')] = 0.0
+    shake_delay: Annotated[float, Row(
+        'how much later fast motion is than poses show', 's')] = 0.0
     compliance: Annotated[float, Row(
         'displacement of the flange that encoders do not see, for an acceleration', 's^2')] = 0.0
 
@@ -305,23 +306,23 @@ class CarriedTool:
             if not self._placed:
                 return self.weight(rigid_tool)
             return np.asarray(self.weight(rigid_tool) + self._along + self.lever @ com
-                              + self.unseen(rig, com))
+                              + self.acceleration_error(rig, com))
         behind = getattr(rig, 'accel_behind', 0.0) + named.get('accel_delay', {}).get('delay', 0.0)
         at = np.clip(self.t + behind, self._volts.x[0], self._volts.x[-1])
         f = specific_force_of(rigid_tool, self.accelerometer, self._volts(at))
         return np.asarray(f + self.lever @ (com - rigid_tool.accelerometer.position))
 
-    def _unseen(self, rig: Rig) -> Array | None:
-        """Return what poses do not show of S's acceleration in base, and of alpha, (n, 6)."""
-        shake, behind, compliance = (getattr(rig, name, 0.0) for name in UNSHOWN)
-        if not (shake or behind or compliance):
+    def _pose_error(self, rig: Rig) -> Array | None:
+        """Return what poses lack of S's acceleration in base, and of alpha, (n, 6)."""
+        shake, delay, compliance = (getattr(rig, name, 0.0) for name in POSE_ERRORS)
+        if not (shake or delay or compliance):
             return None
-        there = _later(self._fast, behind) if behind else self._fast
-        return (1.0 + shake) * there - self._fast + compliance * self._deflecting
+        delayed = _delay(self._fast, delay) if delay else self._fast
+        return (1.0 + shake) * delayed - self._fast + compliance * self._deflecting
 
-    def unseen(self, rig: Rig, point: Array) -> Array:
-        """Return what poses do not show of the acceleration of a point of S, in S, (n, 3)."""
-        more = self._unseen(rig)
+    def acceleration_error(self, rig: Rig, point: Array) -> Array:
+        """Return what poses lack of the acceleration of a point of S, in S, (n, 3)."""
+        more = self._pose_error(rig)
         return np.zeros(3) if more is None else np.asarray(np.einsum(
             'nij,ni->nj', self.R_base_sensor, more[:, :3]) + np.cross(more[:, 3:], point))
 
@@ -339,7 +340,7 @@ class CarriedTool:
         tool = rigid_tool.tool
         inertia = np.array(tool.inertia)
         arm = np.array(tool.com) + self.slide[:, np.newaxis] * [1.0, 0.0, 0.0]
-        more = self._unseen(rigid_tool)
+        more = self._pose_error(rigid_tool)
         alpha = self.alpha if more is None else self.alpha + more[:, 3:]
         spin = alpha @ inertia + np.cross(self.omega, self.omega @ inertia)
         out = np.hstack([-tool.mass * f, -tool.mass * np.cross(arm, f) - spin])
@@ -393,7 +394,7 @@ def _evenly(t: Array, rows: Array) -> tuple[Array, float]:
     return Stream(t, rows).at(t[0] + np.arange(len(t)) / rate), rate
 
 
-def _later(rows: Array, seconds: float) -> Array:
+def _delay(rows: Array, seconds: float) -> Array:
     t = np.arange(len(rows)) / RATE
     return np.stack([np.interp(t - seconds, t, row) for row in rows.T], axis=1)
 

@@ -221,23 +221,27 @@ def behind_encoders(compliance, damping, period):
     return spring, damped
 
 
-@pytest.mark.parametrize('number, value, left', [('shake', 0.5, 0.15),
-                                                 ('compliance', (2.0 * np.pi * 20.0) ** -2, 0.3)])
+@pytest.mark.parametrize('number, value, left', [
+    ('shake', 0.5, 0.15), ('shake_delay', 0.009, 0.15),
+    ('compliance', (2.0 * np.pi * 20.0) ** -2, 0.3)])
 def test_a_wrench_follows_what_poses_do_not_show_of_a_shake(number, value, left):
-    """They show a part of it, or an arm gives behind the encoders, with a resonance at 20 Hz."""
+    """They show a part, or show it early, or an arm resonates behind its encoders at 20 Hz."""
     t = 0.001 * np.arange(10_000)
     slow = 0.05 * np.sin(np.pi * t) * np.exp(-0.5 * ((t - 5.0) / 1.5) ** 2)
-    fast = 3e-4 * np.sin(2.0 * np.pi * 8.0 * t) * np.exp(-0.5 * ((t - 5.0) / 0.5) ** 2)
+
+    def fast(u):
+        return 3e-4 * np.sin(2.0 * np.pi * 8.0 * u) * np.exp(-0.5 * ((u - 5.0) / 0.5) ** 2)
 
     def moved(way):
         turn = Rotation.from_rotvec(np.outer(10.0 * way, [1.0, 0.5, -0.3])).as_matrix()
         poses = PoseStream(t, np.outer(way, [1.0, -0.6, 0.4]), np.diag([1.0, -1.0, -1.0]) @ turn)
         return CarriedTool(Recording(pose=poses), 0.0, 2490, 'acc1')
 
-    true = (lfilter(*behind_encoders(value, 0.02, 0.001), slow + fast) if number == 'compliance'
-            else slow + (1.0 + value) * fast)
+    true = {'shake': lambda: slow + (1.0 + value) * fast(t),
+            'shake_delay': lambda: slow + fast(t - value),
+            'compliance': lambda: lfilter(*behind_encoders(value, 0.02, 0.001), slow + fast(t))}
     tool = rigid_tool_of_rig(load_rig('rigid_tool.yaml'))
-    wanted, carried = moved(true).wire(tool), moved(slow + fast)
+    wanted, carried = moved(true[number]()).wire(tool), moved(slow + fast(t))
     before, after = (np.std(carried.wire(one) - wanted, axis=0)
                      for one in (tool, replace(tool, **{number: value})))
     assert (after < left * before).all()

@@ -26,8 +26,8 @@ from forcecal_ros.sim.protocol import Inputs, Parameter
 from forcecal_ros.sim.rerun import (
     is_addable,
     library_of,
+    MAX_POINTS,
     MAX_RUNS,
-    POINTS_KEPT,
     refuse_too_many,
     Rerun,
     Runs,
@@ -213,9 +213,9 @@ def test_of_where_fits_settled_the_last_are_kept():
     simulator = third_party('product', Product())
     runs = Runs(simulator, INPUTS, simulator.run(INPUTS, (1.0,) * 3).pose)
     runs.try_all((1.0,) * 3)
-    for i in range(POINTS_KEPT + 2):
+    for i in range(MAX_POINTS + 2):
         assert runs.settle((1.0, 1.0, 1.02 + 0.02 * i))
-    assert len(runs.points) == POINTS_KEPT + 1
+    assert len(runs.points) == MAX_POINTS + 1
     assert runs.near((1.0,) * 3) == (1.0,) * 3 and runs.near((1.0, 1.0, 1.04))[2] > 1.05
 
 

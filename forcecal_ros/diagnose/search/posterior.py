@@ -403,8 +403,8 @@ def _weighed_beside(start: LinearisedModel, best: Explanation, table: _Table
     """
     Add effects to what is explained, the likeliest linearised where their fits ended.
 
-    What others lack to the likeliest may be due to their lines where it is less than what the
-    likeliest gains by lines of its own.
+    Others may fall short of the likeliest only because their simulator was linearised elsewhere.
+    That is tested if they fall short by less than the likeliest gains where it is linearised anew.
     """
     known: set[frozenset[str]] = set()
     children = _likeliest(extended(best, table, known))

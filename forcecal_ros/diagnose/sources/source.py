@@ -18,7 +18,7 @@ RECALIBRATION_SIGMA = 3.0
 """Standard errors of a recalibration from which it is reported: once in 400 by chance."""
 
 _UNITS = {'accelerometer.delay': 's', 'tool.com': 'm', 'tool.inertia': 'kg m^2',
-          'pose.behind': 's', 'pose.compliance': 's^2'}
+          'pose.shake_delay': 's', 'pose.compliance': 's^2'}
 """Units of nuisances by their names without axis; those that are not listed are relative."""
 
 
