@@ -263,11 +263,10 @@ def _fitted(effect, seed, folder):
 def _compared(real, joints, arm):
     simulated = shift_times(run(arm, joints), 1234.5)
     found = PairSource(load_rig('rigid_tool.yaml'), simulated).diagnose(real)
-    ready: Any = found.ready[0]
-    tracking = ready.tracking
-    return {**_said(found.diagnosis),
-            'translation': [1e3 * x for x in tracking.translation[:4]],
-            'rotation': [1e3 * x for x in tracking.rotation[:4]]}
+    ready: Any = found.ready  # nothing, if it was refused
+    apart = {name: [1e3 * x for x in getattr(ready[0].tracking, name)[:4]]
+             for name in ('translation', 'rotation') if ready}
+    return {**_said(found.diagnosis), **apart}
 
 
 def _rerun(real, joints, arm):

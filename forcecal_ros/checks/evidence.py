@@ -253,7 +253,12 @@ class Fit(NamedTuple):
 
 
 class Explained(NamedTuple):
-    """Force and torque of a recording as a rigid tool's, with the gravity in ft_sensor."""
+    """
+    Force and torque of a recording as a rigid tool's, with the gravity in ft_sensor.
+
+    The torque is that of an inertia of so many ``times`` the weight: as many as the force shows,
+    or 1 if that fits it better, where a cable or contact pulls at the force.
+    """
 
     force: Fit
     torque: Fit
@@ -261,6 +266,7 @@ class Explained(NamedTuple):
     mass_std: float
     moving: bool
     gravity: Array
+    times: float
 
     @property
     def com_by_force(self) -> tuple[Array, Array] | None:
@@ -411,17 +417,22 @@ def explain(motion: Motion) -> Explained | None:
     if motion.usable.sum() < 3:
         return None
     rows, pull = usable_rows(motion), explain_forces(motion)
-    at, g, times = Columns(*(part[rows] for part in motion.path.columns)), pull.gravity, (
-        pull.inertial)
-    torque = motion.smoothed(motion.wrench[:, 3:])[rows] - pull.mass * (
-        at.displaced @ g - times * at.displaced_accel)
-    columns = [-skew(at.gravity @ g - times * at.accel), biases(motion)[rows]]
+    at, g = Columns(*(part[rows] for part in motion.path.columns)), pull.gravity
+    torque = motion.smoothed(motion.wrench[:, 3:])[rows]
+    columns = [biases(motion)[rows]]
     if motion.step:
-        columns.insert(1, at.inertia)
+        columns.insert(0, at.inertia)
     if motion.extra_torque is not None:
-        columns.insert(1, motion.smoothed(motion.extra_torque, True)[rows])
-    return Explained(pull.force, fit_part(np.concatenate(columns, axis=2), torque), pull.mass,
-                     pull.mass_std, pull.moving, replace(motion, gravity=g).in_sensor[rows])
+        columns.insert(0, motion.smoothed(motion.extra_torque, True)[rows])
+
+    def by(times: float) -> Fit:
+        pulls = pull.mass * (at.displaced @ g - times * at.displaced_accel)
+        return fit_part(np.concatenate(
+            [-skew(at.gravity @ g - times * at.accel), *columns], axis=2), torque - pulls)
+    fits = {times: by(times) for times in (pull.inertial, 1.0)}
+    times = max(fits, key=lambda one: fits[one].mean_log)
+    return Explained(pull.force, fits[times], pull.mass, pull.mass_std, pull.moving,
+                     replace(motion, gravity=g).in_sensor[rows], times)
 
 
 def by_any_matrix(motion: Motion) -> Fit:

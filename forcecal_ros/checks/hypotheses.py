@@ -167,7 +167,7 @@ def judge(recording: Recording, gravity: Array, stated: Stated = Stated(),
     notes = (*slight, *_of_estimates(motion, plain.fit, recording, known))
     if best is not plain and lead > 0.5 * MARGIN and gain > MIN_GAIN and (
             said := messages.of(best, plain, stated, [])):
-        notes = (*notes, f'uncertain: either the recording is correct, or {said}')
+        notes = (*notes, Finding(f'uncertain: either the recording is correct, or {said}'))
     return notes
 
 
@@ -422,7 +422,8 @@ def _other_tool(fit: Explained, known: Known) -> str:
 def _other_time(fit: Explained) -> str:
     """Compare inertia with weight: units of length, and the speed of time."""
     times, std = fit.inertial
-    if not fit.moving or abs(times - 1.0) < CONTRADICTION_SIGMA * std or 0.3 < times < 1.5:
+    if not fit.moving or abs(times - 1.0) < CONTRADICTION_SIGMA * std or 0.3 < times < 1.5 or (
+            fit.times == 1.0):  # torques contradict it: something pulls
         return ''
     for unit, size in LENGTH_UNITS.items():
         if abs(times / size - 1.0) < 0.4:
@@ -433,12 +434,13 @@ def _other_time(fit: Explained) -> str:
             raise DataError(
                 f'pose: the forces show {times:.2g} times the inertia that its accelerations '
                 f'predict: its positions are in m but read as {unit}; set their unit to m')
-    if times < 1.5:
-        return ''
-    return (f'the forces show {quantity(times, std, "")}times the inertia that the accelerations '
-            f'of the pose predict: the stamps run at {times**-0.5:.2g} of real time, as in a log '
-            'replayed slowly and stamped again. Inertia is then reported as contact; use the '
-            'original log')
+    cause = ('its position has other axes than its orientation, as in a left-handed frame, or '
+             'something pulls at the tool like a spring' if times <= 0.0 else
+             f'the stamps run at {times**-0.5:.2g} of real time, as in a log replayed slowly or '
+             'fast and stamped again; use the original log')
+    return Finding(f'the forces show {quantity(times, std, "")}times the inertia that the '
+                   f'accelerations of the pose predict: {cause}. Inertia is then reported as '
+                   'contact', ('inertia',))
 
 
 def _late(fit: Explained, late: float, recording: Recording) -> str:

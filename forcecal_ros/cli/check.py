@@ -120,13 +120,12 @@ def _uses(recording: 'Recording', fault: str, why: str) -> dict[str, str]:
     """Return for each command nothing, or why the recording does not do for it."""
     if fault:
         return dict.fromkeys(('calibrate', 'estimate', 'diagnose'), 'see the fault above')
+    from forcecal_ros.core.topics import naming
     from forcecal_ros.diagnose.dataset import too_few
 
-    by_joints = ('; joints give the pose with --topic pose=urdf:FILE:BASE:LINK' if (
-        recording.pose is None and recording.joints is not None) else '')
-    why = why and f'{why}{by_joints}'
+    no_pose = '' if recording.pose is not None else f'; {naming(recording, "pose")}'
     no_wrench = '' if recording.wrench is not None else (
-        f'no wrench was recorded, and every use requires it{by_joints}')
+        f'no wrench was recorded, and every use requires it{no_pose}')
     gravity = recording.pose is not None or recording.angular_velocity is not None
     commands = recording.target is not None or recording.joint_commands is not None
     lacking = ' and '.join(f'no {name}' for name, stream in (
@@ -134,13 +133,13 @@ def _uses(recording: 'Recording', fault: str, why: str) -> dict[str, str]:
     return {
         'calibrate': why,
         'estimate': no_wrench or (
-            '' if gravity else f'neither a pose nor an IMU was recorded{by_joints}'),
+            '' if gravity else f'neither a pose nor an IMU was recorded{no_pose}'),
         'diagnose': no_wrench or too_few(recording) or (
             '' if recording.pose is not None or commands else
             'neither a pose nor commands were recorded'),
         'diagnose with a simulator': no_wrench or too_few(recording) or (
             '' if commands else 'no commands (target_frame, joint_commands) were recorded'),
-        'fit-rig': no_wrench or (lacking and f'{lacking} was recorded{by_joints}')}
+        'fit-rig': no_wrench or (lacking and f'{lacking} was recorded{no_pose}')}
 
 
 def _next(args: argparse.Namespace, recording: 'Recording', document: dict[str, Any]) -> list[str]:

@@ -18,6 +18,7 @@ TWIST = 'geometry_msgs/msg/TwistStamped'
 INERTIA = 'geometry_msgs/msg/InertiaStamped'
 IMU = 'sensor_msgs/msg/Imu'
 JOINT_STATE = 'sensor_msgs/msg/JointState'
+JOINT_POSE = 'urdf:FILE:BASE:LINK'
 DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
 STRING = 'std_msgs/msg/String'
 MULTI_ARRAY = 'std_msgs/msg/Float64MultiArray'
@@ -190,13 +191,17 @@ def candidates(available: Collection[Topic], found: Mapping[str, Topic],
     Returns
     -------
     dict of str to tuple of str
-        Roles without a topic, to the topics of a type that fits and that no role has.
+        Roles without a topic, to the topics of a type that fits and that no role has; joint states
+        give the pose, too.
     """
     used = {topic.name for topic in found.values()}
     free = [topic for topic in available if topic.name not in used and not topic.is_output]
+    joints = [*free, *(topic for role, topic in found.items() if role == 'joint_states')]
+    from_joints = [JOINT_POSE] if any(topic.type == JOINT_STATE for topic in joints) else []
     return {role: names for role in roles if role not in found
-            and (names := tuple(sorted(
-                topic.name for topic in free if topic.type in ROLES[role].types)))}
+            and (names := (*sorted(
+                topic.name for topic in free if topic.type in ROLES[role].types),
+                *(from_joints if role == 'pose' else ())))}
 
 
 _ATTRIBUTES = {'phase': 'phases', 'imu': 'angular_velocity', 'accel': 'accelerometer'}
@@ -235,7 +240,8 @@ def naming(recording: Recording, role: str) -> str:
     if not others:
         return f'record {ROLES[role].topic}'
     if len(others) < 2:
-        return f'select its topic with --topic {role}={others[0]}'
+        how = 'compute it from joint states' if JOINT_POSE in others else 'select its topic'
+        return f'{how} with --topic {role}={others[0]}'
     return f'select its topic with --topic {role}=NAME, one of {listed(others)}'
 
 

@@ -8,6 +8,7 @@ from forcecal_ros.checks.hypotheses import judge
 from forcecal_ros.checks.signals import interpolated
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.streams import Stream
 from forcecal_ros.io.calibration_file import load
 from longer import first
 import moving_arm
@@ -17,6 +18,7 @@ import pytest
 import wrong_recordings
 from wrong_recordings import (
     about_another_point,
+    at_wrench,
     bursts,
     log,
     recording_of,
@@ -27,6 +29,8 @@ from wrong_recordings import (
 )
 
 DOWN = np.array([0.0, 0.0, -9.80665])
+BRIEF = {'seconds': 16.0, 'rate': 100.0}
+RESTING = {'hold': 2.0, 'move': 1.2, 'rate': 100.0}
 
 
 def spoilt(wrong, seed):
@@ -37,6 +41,37 @@ def spoilt(wrong, seed):
 def test_a_log_that_was_stamped_anew_at_half_speed_is_told(seed):
     note, = judge(spoilt('played at half speed, stamped anew', seed), DOWN)
     assert 0.48 < float(note.split('run at ')[1].split()[0]) < 0.6
+
+
+@pytest.mark.parametrize('made, of, scale, said', [
+    ('arm', moving_arm, -1.0, 'its position has other axes than its orientation'),
+    ('rests', wrong_recordings, -1.0, 'its position has other axes than its orientation'),
+    ('rests', wrong_recordings, 5.0, 'the stamps run at 2.2 of real time')])
+def test_an_inertia_that_is_not_that_of_the_weight_is_told(
+        made, of, scale, said, tmp_path, capsys):
+    """A negative one, of a mirrored position, is no length in mm."""
+    one = moving(1) if made == 'arm' else log(1, **RESTING)
+    bag = str(write(replace(one, place=scale * one.place), tmp_path / 'bag'))
+    written = str(tmp_path / 'c.yaml')
+    assert main(['calibrate', bag, '-o', written]) == 0
+    note, = (line for line in capsys.readouterr().err.splitlines() if 'times the inertia' in line)
+    assert said in note and ' mm' not in note and note.endswith('suspect: inertia')
+    found = load(written)
+    assert abs(float(found.mass) - of.MASS) < 3.0 * found.mass.std
+    assert 'inertia' in found.quality['suspect']
+
+
+@pytest.mark.parametrize('seed', first([1, 8, 11]))
+def test_a_cable_that_pulls_mirrors_no_axes(seed):
+    """It spoils the weight and inertia that forces show, and leaves torques as they are."""
+    one = moving(seed, **BRIEF)
+    place = Stream(one.pose_t, one.place).at(one.t)
+    pull = np.einsum('nji,nj->ni', at_wrench(one), -10.0 * (place - place.mean(axis=0)))
+    recording = recording_of(replace(one, wrench=one.wrench + np.hstack([pull, 0.0 * pull])))
+    assert judge(recording, DOWN) == ()
+    tool = identify(recording)
+    assert 'mass' in tool.quality['suspect'] or (
+        abs(float(tool.mass) - moving_arm.MASS) < 3.0 * tool.mass.std)
 
 
 @pytest.mark.parametrize('seed', first(range(50, 54)))
@@ -51,10 +86,6 @@ def test_a_wrench_that_a_driver_smooths_a_little_is_told_by_its_delay(seed):
     note, = judge(spoilt('wrench behind a low-pass of 10 Hz', seed), DOWN)
     assert 14 <= float(note.split('wrench rotates ')[1].split()[0]) <= 17
     assert judge(spoilt('nothing', seed), DOWN) == ()
-
-
-BRIEF = {'seconds': 16.0, 'rate': 100.0}
-RESTING = {'hold': 2.0, 'move': 1.2, 'rate': 100.0}
 
 
 @pytest.mark.parametrize('of, changes, seed, lever', first([

@@ -6,6 +6,7 @@ import re
 
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.geometry import quaternion_from_matrix, rotation_from_vector
+from forcecal_ros.core.streams import JointStream
 from forcecal_ros.io.bags import read_recording, write_recording
 from forcecal_ros.io.calibration_file import load
 import moving_arm
@@ -99,18 +100,29 @@ def test_a_calibration_of_this_package_keeps_its_own_sign_and_axes(tmp_path, one
     assert '--wrench-sign cannot change a calibration' in capsys.readouterr().err
 
 
-def test_joints_alone_say_what_they_can_be_used_for(tmp_path, capsys):
-    from forcecal_ros.core.streams import JointStream
-
+def without_pose(path, **streams):
     t = np.arange(0.0, 5.0, 0.01)
     joints = JointStream(t, np.sin(t)[:, None] * np.ones(6), '', tuple('abcdef'))
-    write_recording(tmp_path / 'bag', replace(recording_of(log(1, poses=2)), wrench=None,
-                                              pose=None, joints=joints))
+    write_recording(path, replace(
+        recording_of(log(1, poses=2)), pose=None, joints=joints, **streams))
+
+
+def test_joints_alone_say_what_they_can_be_used_for(tmp_path, capsys):
+    without_pose(tmp_path / 'bag', wrench=None)
     assert main(['calibrate', str(tmp_path / 'bag'), '-o', str(tmp_path / 'c.yaml')]) == 1
     assert 'pose=urdf:FILE:BASE:LINK' in capsys.readouterr().err
     main(['check', str(tmp_path / 'bag')])
     said = capsys.readouterr().out
-    assert 'no wrench was recorded, and every use requires it; joints give' in said
+    assert 'no wrench was recorded, and every use requires it; compute it from' in said
+
+
+def test_joints_and_a_wrench_say_how_to_get_the_pose(tmp_path, capsys):
+    without_pose(tmp_path / 'bag')
+    assert main(['calibrate', str(tmp_path / 'bag'), '-o', str(tmp_path / 'c.yaml')]) == 1
+    way = 'compute it from joint states with --topic pose=urdf:FILE:BASE:LINK'
+    assert way in capsys.readouterr().err
+    main(['check', str(tmp_path / 'bag')])
+    assert f'pose was recorded; {way}' in capsys.readouterr().out
 
 
 def test_a_robot_at_rest_with_a_noisy_pose_touches_nothing(tmp_path, one, capsys):

@@ -168,6 +168,41 @@ def test_a_shake_that_is_later_than_poses_show_is_no_delay_of_the_imu(seed, size
     assert diagnosis.verdict == ('identified' if effects else 'no_gap')
 
 
+def pulled(recording, shape, size):
+    """Pull along y by a function of orientation and angle turned about z, of a size [N RMS]."""
+    R = np.array(recording.pose.R_base_sensor)
+    turns = Rotation.from_matrix(np.swapaxes(R[:-1], 1, 2) @ R[1:]).as_rotvec()[:, 2]
+    pull = shape(R, np.concatenate([[0.0], np.cumsum(turns)]))
+    wrench = recording.wrench
+    values = wrench.values.copy()
+    values[:, 1] += size / pull.std() * np.interp(wrench.t, recording.pose.t, pull)
+    return replace(recording, wrench=replace(wrench, values=values))
+
+
+@pytest.mark.parametrize('effect, name, true', [
+    ('wrench_gain', 'fz', 0.04), ('wrench_crosstalk', 'fx_of_fz', 0.03)])
+def test_a_cable_that_winds_up_hides_no_small_gain_or_crosstalk(effect, name, true):
+    robot = pulled(real({effect: {name: true}}), lambda R, turned: turned, 0.026)
+    diagnosis = PairSource(TOLERANCES, simulated()).diagnose(robot).diagnosis
+    first = diagnosis.effects[0]
+    found = first.parameters[name]
+    assert first.name == effect and first.probability > 0.8 and found.std < 0.1 * true
+    assert found.value == pytest.approx(true, abs=3.0 * found.std)
+    # the wind-up itself has no name: at most it is a bias that wanders
+    assert {e.name for e in diagnosis.effects[1:]} <= {'wrench_bias_drift'}
+
+
+def test_what_is_left_is_a_gap_or_not_by_the_stated_tolerance(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    write_recording('real', pulled(real({}), lambda R, turned: R[:, 2, 0]**2, 0.05))
+    write_recording('sim', simulated())
+    for options, verdict in (([], 'unknown'), (['--tolerance', '0.5'], 'no_gap')):
+        assert main([*ALONE.split(), *options]) == 0
+        assert json.loads((tmp_path / 'gap' / 'diagnosis.json').read_text())[
+            'verdict'] == verdict
+    assert 'up to 0.5 is within the tolerance' in capsys.readouterr().out
+
+
 def test_what_carries_a_simulated_tool_for_a_while_is_not_taken_for_its_mass():
     one = moving(201, seconds=25.0)
     held = (one.t > 8.0) & (one.t < 12.0)  # no phase states it; by least squares 0.78 kg

@@ -146,8 +146,7 @@ def _recording(bag: Bag, found: Mapping[str, Topic], series: Mapping[Topic, Seri
     if not received:
         what = _how_to_name(bag, found)
         if any(topic.type == JOINT_STATE for topic in bag.topics):
-            what += ('; the pose can be computed from joint states (--topic '
-                     'pose=urdf:FILE:BASE:LINK), but the wrench must be recorded')
+            what += '; joint states give the pose, but the wrench must be recorded'
         raise DataError(f'{bag.path}: nothing to read; {what}'
                         + ''.join(f'; {note}' for note in bag.notes))
     start_ns = int(min(stamps[0] for stamps in received))
