@@ -10,8 +10,8 @@ from runpy import run_path
 from changed import with_values
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.errors import ConfigError, DataError
-from forcecal_ros.core.geometry import rotation_from_vector
-from forcecal_ros.core.streams import JointStream, Recording, Stream
+from forcecal_ros.core.geometry import matrix_from_quaternion, rotation_from_vector
+from forcecal_ros.core.streams import JointStream, PoseStream, Recording, Stream
 from forcecal_ros.diagnose.dataset import CHANNELS
 from forcecal_ros.diagnose.model.jacobian import nuisance_column
 from forcecal_ros.diagnose.recordings import (
@@ -41,6 +41,7 @@ import numpy as np
 from own_arm import commands, SECONDS, TOLERANCES
 import pytest
 from rig_recordings import switched
+from small_arm import mjcf, NAMES, told
 
 PAGE = Path(__file__).resolve().parents[2] / 'docs/how-to/own-simulator.md'
 INPUTS = Inputs(0.0, SECONDS, commands())
@@ -448,3 +449,34 @@ def test_a_drive_that_is_a_third_too_weak_is_found_with_its_gain(tmp_path):
     value = effect.parameters['value']
     assert effect.name == 'kp[lift]' and effect.probability > 0.8
     assert value.value == pytest.approx(2600.0, abs=4.0 * value.std) and value.std < 20.0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('seed, weak', [
+    (1, {}), (2, {}), (5, {'kp[lift]': 3000.0}), (9, {'dof_frictionloss[lift]': 1.5})])
+def test_numbers_of_a_robot_that_is_a_little_off_are_found_within_their_errors(
+        seed, weak, tmp_path):
+    """All of its numbers, beside one that is far off; the model's step is four times its own."""
+    pytest.importorskip('mujoco')
+    from forcecal_ros.sim.mujoco import load_mujoco
+
+    rng, seconds = np.random.default_rng(seed), 12.0
+    for name, step in (('arm.xml', '0.002'), ('robot.xml', '0.0005')):
+        (tmp_path / name).write_text(mjcf().replace('timestep="0.002"', f'timestep="{step}"'))
+    model, robot = (load_mujoco(str(tmp_path / name)) for name in ('arm.xml', 'robot.xml'))
+    true = {p.name: p.nominal if 'backlash' in p.name else float(np.clip(
+        rng.normal(p.nominal, p.sigma), p.low, p.high)) for p in model.parameters()} | weak
+    made = robot.simulate(Inputs(0.0, seconds, joints=told(seconds), measured_joints=NAMES), true)
+    (t, wrench), (_, pose), (_, joints) = (made[name] for name in ('wrench', 'pose', 'joints'))
+    turned = rotation_from_vector(rng.normal(scale=2e-4, size=(len(t), 3)))
+    found = SimulatorSource(third_party('arm.xml', model), TOLERANCES).diagnose(Recording(
+        wrench=Stream(t, wrench + rng.normal(size=(len(t), 6)) * np.repeat([0.08, 0.004], 3)),
+        pose=PoseStream(t, pose[:, :3] + rng.normal(scale=1e-4, size=(len(t), 3)),
+                        matrix_from_quaternion(pose[:, 3:]) @ turned),
+        joints=JointStream(t, joints + rng.normal(scale=3e-5, size=joints.shape), '', NAMES),
+        joint_commands=told(seconds)))
+    assert [e.name for e in found.diagnosis.effects] == list(weak)
+    off = {p.name: (x - p.to_linear(true[p.name]) + p.nominal) / std for p in model.parameters()
+           for x, std in [found.outcome.recalibrations.get(p.name, (0.0, 0.0))] if std}
+    errors = np.abs([*off.values()])
+    assert len(off) > 12 and np.median(errors) < 1.2 and errors.max() < 4.0, off
