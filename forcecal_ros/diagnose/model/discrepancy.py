@@ -438,8 +438,7 @@ class WhitenedDiscrepancy:
                 signal = out[c][0].column(i).values() if i else residual[:, c]
                 row[:] = self.noise[recording].weigh(signal, c, blocks)
             if not absent:
-                features = _product(self.basis.rows[recording].values,
-                                    weighed.astype(np.float32))
+                features = _product(self.basis.rows[recording].values, weighed)
             for c in dict(some):
                 kept, here = out[c][0], np.array([c == one for one, _ in some])
                 new = np.array([i for one, i in some if one == c])
@@ -452,8 +451,7 @@ class WhitenedDiscrepancy:
         return out
 
 
-def _product(rows: Callable[[slice], Array | NDArray[np.float32]],
-             others: Array | NDArray[np.float32]) -> Array:
+def _product(rows: Callable[[slice], Array | NDArray[np.float32]], others: Array) -> Array:
     """Return inner products of signals, shape (k, n) piece by piece, with others, (m, n)."""
     return np.asarray(sum(rows(part) @ others[:, part].T for part in pieces(others.shape[1])))
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from forcecal_ros.core.geometry import Array
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dpotrf, dpotrs, dtrtri
+from scipy.linalg.lapack import dpotrs, dtrtri
 
 
 class Gram(NamedTuple):
@@ -206,12 +206,6 @@ def fit(gram: Gram, prior: Prior, near: Fit | None = None) -> Fit:
 def _cholesky(matrix: Array) -> Array:
     if not len(matrix):
         return matrix
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    scaled = matrix * np.outer(scale, scale) + 1e-12 * np.eye(len(matrix))
-    factor, wrong = dpotrf(scaled, lower=1)
-    if wrong:
-        values, vectors = np.linalg.eigh(scaled)
-        # what is less is lost in rounding: products with a discrepancy's features, which are
-        # removed, are held in single precision
-        factor = np.linalg.cholesky((vectors * np.maximum(values, 1e-7)) @ vectors.T)
+    scale = 1.0 / np.sqrt(np.diag(matrix))
+    factor = np.linalg.cholesky(matrix * np.outer(scale, scale) + 1e-12 * np.eye(len(matrix)))
     return np.asarray(factor / scale[:, np.newaxis])

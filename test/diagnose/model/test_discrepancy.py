@@ -179,6 +179,20 @@ def test_products_need_no_room_for_all_columns_in_double_precision():
     assert peak < 0.5 * 8 * 60 * n
 
 
+def test_of_a_column_that_is_a_feature_as_little_is_left_as_features_are_uncertain():
+    n, rng = 100_000, np.random.default_rng(12)
+    of, _ = long(n, rng)
+    of = Discrepancy(of.basis, 100.0 * of.signal, of.train)
+    rows = of.basis.rows[0]
+    column, f = Compact(rows.numbers[0], rows.unit[0]), rows.values().astype(float) / SIGMA
+    left, = of.whitened([white(n)]).products(
+        [[{0: column}]], [np.zeros((n, len(CHANNELS)))]).at((0.25,) * 4).matrix[0]
+    # the prior's precision alone tells the first feature, and with it the column
+    prior = np.diag(1.0 / (SHARE * (25.0 * SIGNAL) ** 2))
+    expected = np.linalg.solve(f @ f.T + prior, prior)[0] @ (f @ f[0])
+    assert left == pytest.approx(expected, rel=0.1)
+
+
 LENGTH, TRAINED, KNOWN, OWN = 80, 50, 3e-3, 0.03
 
 
