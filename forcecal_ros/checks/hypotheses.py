@@ -398,12 +398,14 @@ def _other_tool(fit: Explained, known: Known) -> str:
     mass, g = known.mass, float(np.linalg.norm(fit.gravity, axis=1).mean())
     shown = f'wrench: the tool of {mass:.4g} kg weighs {fit.mass:.4g} kg in this recording'
     about = np.linalg.norm(fit.gravity - fit.gravity.mean(axis=0), axis=1)
-    weight = max(mass, fit.mass) * float(np.sqrt((about**2).mean() / 3.0))
+    unit = force_unit_of(fit.mass, mass) if fit.mass > CONTRADICTION_SIGMA * fit.mass_std else None
+    weight = (fit.mass if unit else max(mass, fit.mass)) * float(
+        np.sqrt((about**2).mean() / 3.0))
     if fit.force.scale > 0.5 * weight:
         return (f'with a weight of {quantity(fit.mass, fit.mass_std, "kg")} the force residual is '
                 f'{fit.force.scale:.2g} N RMS: wrench and pose are of different robots or times, '
-                'or the tool is always in contact; select the pose with --topic pose=NAME')
-    if (unit := force_unit_of(fit.mass, mass)) and fit.mass > CONTRADICTION_SIGMA * fit.mass_std:
+                'or something always pulls at the tool; select the pose with --topic pose=NAME')
+    if unit:
         raise DataError(f'{shown}: its forces are in {unit[0]}; {corrected(unit[1], unit[0])}')
     if fit.mass < SLIGHT * mass:
         raise DataError(f'{shown}: the driver subtracts its weight; disable this in the driver '
