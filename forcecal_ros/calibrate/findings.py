@@ -31,14 +31,11 @@ from forcecal_ros.calibrate.residuals import (
 )
 from forcecal_ros.calibrate.result import Stages
 from forcecal_ros.calibrate.settings import IdentificationSettings
-from forcecal_ros.checks.messages import Finding
+from forcecal_ros.checks.messages import Finding, STANDSTILL
 from forcecal_ros.core.estimation import CHANCE
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.streams import CHANNELS
 import numpy as np
-
-STANDSTILL = ('mass', 'com', 'wrench_bias')
-"""Keys of calibration.yaml that are estimated from the static poses."""
 
 ACCELEROMETER = ('accelerometer',)
 """The key that is estimated from the accelerometer."""

@@ -10,7 +10,7 @@ from forcecal_ros.calibrate.accelerometer import (
     AccelerometerFit,
     identify_static_accelerometer,
 )
-from forcecal_ros.calibrate.findings import NO_ACCELEROMETER, STANDSTILL
+from forcecal_ros.calibrate.findings import NO_ACCELEROMETER
 from forcecal_ros.calibrate.joint import (
     Blocks,
     blocks_of,
@@ -70,7 +70,7 @@ from forcecal_ros.checks.hypotheses import (
     refuse_late_accelerometer,
     slight_misfit,
 )
-from forcecal_ros.checks.messages import Finding, Stated
+from forcecal_ros.checks.messages import Finding, STANDSTILL, Stated
 from forcecal_ros.checks.signals import clipped, SENSORS
 from forcecal_ros.core.axes import DOWN, in_axes_of_pose, level_from_base, levelled, unit_direction
 from forcecal_ros.core.calibration import Calibration, Estimate

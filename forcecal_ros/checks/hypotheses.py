@@ -35,7 +35,13 @@ from forcecal_ros.checks.evidence import (
     STEP_S,
     usable_rows,
 )
-from forcecal_ros.checks.messages import CONTRADICTION_SIGMA, Finding, SLIGHT, Stated
+from forcecal_ros.checks.messages import (
+    CONTRADICTION_SIGMA,
+    Finding,
+    SLIGHT,
+    STANDSTILL,
+    Stated,
+)
 from forcecal_ros.core.errors import above, DataError
 from forcecal_ros.core.estimation import robust_fit
 from forcecal_ros.core.geometry import (
@@ -159,9 +165,9 @@ def judge(recording: Recording, gravity: Array, stated: Stated = Stated(),
         if message and not (known and noted):
             raise DataError(message, messages.about(best))
         if message or (best.row.is_note and best.row.is_costly):  # nothing else explains it
-            return (message or messages.slight(best, stated),)
+            return (Finding(message or messages.slight(best, stated), STANDSTILL),)
         if best.name == 'crosstalk':  # a slight one hides no other fault
-            slight = (messages.slight(best, stated),)
+            slight = (Finding(messages.slight(best, stated)),)
     if not known:
         messages.refuse_weightless(plain)
     notes = (*slight, *_of_estimates(motion, plain.fit, recording, known))
@@ -398,14 +404,12 @@ def _other_tool(fit: Explained, known: Known) -> str:
     mass, g = known.mass, float(np.linalg.norm(fit.gravity, axis=1).mean())
     shown = f'wrench: the tool of {mass:.4g} kg weighs {fit.mass:.4g} kg in this recording'
     about = np.linalg.norm(fit.gravity - fit.gravity.mean(axis=0), axis=1)
-    unit = force_unit_of(fit.mass, mass) if fit.mass > CONTRADICTION_SIGMA * fit.mass_std else None
-    weight = (fit.mass if unit else max(mass, fit.mass)) * float(
-        np.sqrt((about**2).mean() / 3.0))
+    weight = max(mass, fit.mass) * float(np.sqrt((about**2).mean() / 3.0))
     if fit.force.scale > 0.5 * weight:
         return (f'with a weight of {quantity(fit.mass, fit.mass_std, "kg")} the force residual is '
                 f'{fit.force.scale:.2g} N RMS: wrench and pose are of different robots or times, '
                 'or something always pulls at the tool; select the pose with --topic pose=NAME')
-    if unit:
+    if (unit := force_unit_of(fit.mass, mass)) and fit.mass > CONTRADICTION_SIGMA * fit.mass_std:
         raise DataError(f'{shown}: its forces are in {unit[0]}; {corrected(unit[1], unit[0])}')
     if fit.mass < SLIGHT * mass:
         raise DataError(f'{shown}: the driver subtracts its weight; disable this in the driver '
@@ -765,6 +769,24 @@ def _changed(motion: Motion, kind: str, at: float) -> Motion:
     return replace(motion, extra=columns * after[:, None, None])
 
 
+def _pulled(motion: Motion) -> Motion | None:
+    """
+    Let a spring pull from a place in base at one of the tool, which torques show.
+
+    Of what it pulls all the time, the vertical part counts as weight.
+    """
+    if motion.path.position is None:
+        return None
+    place = motion.path.position - motion.path.position[motion.usable].mean(axis=0)
+    to_sensor = np.swapaxes(motion.R, 1, 2)
+    extra = np.concatenate([to_sensor @ place[:, :, None], to_sensor[:, :, :2]], axis=2)
+    out = replace(motion, extra=extra)
+    fit = explain_forces(out).force
+    if -fit.theta[-6] < CONTRADICTION_SIGMA * fit.std[-6]:  # no spring, or one that pushes
+        return None
+    return replace(out, extra_torque=skew(extra @ -fit.theta[-6:-3]))
+
+
 def _drifting(motion: Motion) -> Motion:
     """Let the bias of the forces run along a parabola."""
     run = (motion.t - motion.t.mean())[:, None, None] / np.ptp(motion.t)
@@ -794,6 +816,7 @@ TABLE = (
     Hypothesis('torque in base', lambda motion: _mapped(
         motion, np.eye(3), np.swapaxes(motion.R, 1, 2))),
     Hypothesis('torque axes', _torque_axes, 3),
+    Hypothesis('pulled', _pulled, 0, True, True),
     Hypothesis('rotated and tilted', _rotated_and_tilted, 3, is_costly=True),
     Hypothesis('clock', _other_clock, 1, is_costly=True),
     Hypothesis('smoothed', _filtered, 1, True, True),

@@ -34,6 +34,9 @@ SLIGHT = 0.05
 CONTRADICTION_SIGMA = 10.0
 """Standard errors by which an estimate contradicts: they come from one recording's residuals."""
 
+STANDSTILL = ('mass', 'com', 'wrench_bias')
+"""Keys of calibration.yaml that are estimated from the static poses."""
+
 SIGN, WEIGHT_REMOVED = 'sign', 'weight removed'
 """What an error is about: the wrench has the opposite sign; it holds no weight."""
 
@@ -140,6 +143,8 @@ def slight(best: Any, stated: Stated) -> str:
         drift = best.motion.extra @ best.fit.force.theta[-9:-3]
         return (f'the force bias drifts by {np.linalg.norm(np.ptp(drift, axis=0)):.2g} N during '
                 'the recording; let the sensor warm up, and record again')
+    if best.name == 'pulled':
+        return '; '.join(_pulled(best)[1:])
     if best.name == 'smoothed':
         tau = best.motion.path.smoothing
         how = f'a low-pass of {0.5 / np.pi / tau:.2g} Hz' if tau > 0.0 else (
@@ -290,8 +295,8 @@ def _cause(one: Any, plain: Any, stated: Stated) -> tuple[str, str] | None:
                 'calibrate its matrix (forcecal insitu)') if size > MAX_SLIGHT_CROSSTALK else None
     if name == 'clock':
         return clock('wrench', one.motion, plain.motion)
-    if name.endswith('changes'):
-        size, *said = _changed(one)
+    if name == 'pulled' or name.endswith('changes'):
+        size, *said = (_pulled if name == 'pulled' else _changed)(one)
         return (said[0], said[1]) if size > SLIGHT * abs(one.fit.mass) else None
     causes = []
     if 'rotated' in name and _angle(Q := one.motion.axes) > TOLERANCE_DEG:
@@ -311,6 +316,16 @@ def clock(stream: str, moved: Motion, plain: Motion) -> tuple[str, str]:
     return (f'{stream}: by its stamps, gravity rotates {abs(late):.2f} s {side} than in the pose',
             ('synchronise the clocks of all computers (PTP or chrony) and record again, or add '
              f'{-late:+.2f} s to all stamps of {stream}'))
+
+
+def _pulled(one: Any) -> tuple[float, str, str]:
+    """Say what pulls at the tool, by how much as a mass [kg], and what to do."""
+    theta, std = one.fit.force.theta[-6:-3], one.fit.force.std[-6]
+    pull = np.linalg.norm((one.motion.extra @ theta)[one.motion.usable], axis=1).max()
+    return (pull / float(np.linalg.norm(one.motion.gravity)), (
+        f'something pulls at the tool by up to {pull:.2g} N, like a spring of '
+        f'{quantity(-theta[0], std, "N/m")} to a place that does not move (a cable, a hose, a '
+        'balancer)'), 'detach it, or let it hang loosely, and record again')
 
 
 def _changed(one: Any) -> tuple[float, str, str]:

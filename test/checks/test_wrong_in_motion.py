@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from itertools import product
+import re
 
 from forcecal_ros.calibrate.pipeline import identify
 from forcecal_ros.checks.hypotheses import judge
@@ -33,6 +34,13 @@ BRIEF = {'seconds': 16.0, 'rate': 100.0}
 RESTING = {'hold': 2.0, 'move': 1.2, 'rate': 100.0}
 
 
+def pulled(one, stiffness, hook=(0.0, 0.0, 0.0), lever=0.0):
+    """Let a spring pull from where it hangs loosely on average, or from so far away [m]."""
+    place = Stream(one.pose_t, one.place).at(one.t)
+    pull = np.einsum('nji,nj->ni', at_wrench(one), stiffness * (place.mean(axis=0) + hook - place))
+    return replace(one, wrench=one.wrench + np.hstack([pull, np.cross([0.0, 0.0, lever], pull)]))
+
+
 def spoilt(wrong, seed):
     return recording_of(WRONG[wrong].make(work(seed), np.random.default_rng(seed)))
 
@@ -61,17 +69,43 @@ def test_an_inertia_that_is_not_that_of_the_weight_is_told(
     assert 'inertia' in found.quality['suspect']
 
 
-@pytest.mark.parametrize('seed', first([1, 8, 11]))
-def test_a_cable_that_pulls_mirrors_no_axes(seed):
-    """It spoils the weight and inertia that forces show, and leaves torques as they are."""
-    one = moving(seed, **BRIEF)
+@pytest.mark.parametrize('make, stiffness, hook, lever', first([
+    (moving, 10.0, (0.0, 0.5, -0.4), 0.1), (log, 10.0, (0.4, 0.3, 0.6), 0.1),
+    *product([moving, log], [10.0, 30.0], [(0.0, 0.0, 0.0)], [0.0, 0.1])], 2))
+def test_a_cable_that_pulls_is_told_and_not_taken_for_another_fault(make, stiffness, hook, lever):
+    one = make(1, **(BRIEF if make is moving else RESTING))
+    with pytest.raises(DataError, match='something pulls at the tool') as error:
+        judge(recording_of(pulled(one, stiffness, hook, lever)), DOWN)
+    said = str(error.value)
+    found, std = re.search(r'a spring of (\S+) ± (\S+) N/m', said).groups()
+    assert abs(float(found) - stiffness) < 1.5 * float(std) and said.count(', or ') == 1
+    assert float(std) < 0.02 * stiffness
+
+
+@pytest.mark.parametrize('stiffness, slack, hook, seed', first([
+    (10.0, 0.45, (0.0, 0.5, -0.2), 0), (40.0, 0.2, (0.0, 0.0, 0.5), 4),
+    (40.0, 0.2, (0.0, 0.0, 0.5), 1), (40.0, 0.45, (0.0, 0.0, 0.5), 3)], 2))
+def test_a_rope_that_is_slack_at_times_turns_and_tilts_nothing(stiffness, slack, hook, seed):
+    """It is no spring, but torques show no more than the tool."""
+    one = moving(seed, seconds=20.0, rate=100.0)
     place = Stream(one.pose_t, one.place).at(one.t)
-    pull = np.einsum('nji,nj->ni', at_wrench(one), -10.0 * (place - place.mean(axis=0)))
-    recording = recording_of(replace(one, wrench=one.wrench + np.hstack([pull, 0.0 * pull])))
-    assert judge(recording, DOWN) == ()
-    tool = identify(recording)
-    assert 'mass' in tool.quality['suspect'] or (
-        abs(float(tool.mass) - moving_arm.MASS) < 3.0 * tool.mass.std)
+    to_hook = place.mean(axis=0) + hook - place
+    away = np.linalg.norm(to_hook, axis=1, keepdims=True)
+    pull = np.einsum('nji,nj->ni', at_wrench(one),
+                     stiffness * np.maximum(away - slack, 0.0) * to_hook / away)
+    one = replace(one, wrench=one.wrench + np.hstack([pull, 0.0 * pull]))
+    try:
+        assert judge(recording_of(one), DOWN) == ()
+    except DataError as error:
+        assert str(error).startswith('something pulls at the tool')
+
+
+@pytest.mark.parametrize('make', [moving, log])
+def test_a_slight_pull_is_noted_and_spoils_no_mass(make):
+    one = make(1, **(BRIEF if make is moving else RESTING))
+    recording = recording_of(pulled(one, 2.0))
+    note, = judge(recording, DOWN)
+    assert note.startswith('something pulls at the tool by up to 0.')
 
 
 @pytest.mark.parametrize('seed', first(range(50, 54)))
