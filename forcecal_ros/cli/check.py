@@ -61,6 +61,7 @@ def inspect(recording: 'Recording') -> dict[str, Any]:
     """
     from forcecal_ros.calibrate.pipeline import identify
     from forcecal_ros.checks.entry import checked
+    from forcecal_ros.checks.hypotheses import TABLE_BY_NAME
     from forcecal_ros.checks.messages import SIGN
     from forcecal_ros.core.topics import MAIN_ROLES, require
 
@@ -81,7 +82,8 @@ def inspect(recording: 'Recording') -> dict[str, Any]:
         why, about = with_id(error), error.about
     # what is about the recording spoils every use, what a calibration alone lacks does not
     fault = why if about or recording.removed is None else ''
-    spoilt = '' if about.endswith('changes') else fault  # half-way: for a calibration alone
+    row = TABLE_BY_NAME.get(about)
+    spoilt = '' if row and row.is_note else fault  # else for a calibration alone
     quality = {} if found is None else found.quality
     return {**document, 'fault': fault, 'notes': [
         *recording.notes, *quality.get('warnings', ()), *quality.get('questions', ())],

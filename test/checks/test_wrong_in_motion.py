@@ -82,6 +82,13 @@ def test_a_cable_that_pulls_is_told_and_not_taken_for_another_fault(make, stiffn
     assert float(std) < 0.02 * stiffness
 
 
+def test_a_recording_with_a_cable_does_for_a_known_tool(tmp_path, capsys):
+    bag = str(write(pulled(moving(1, **BRIEF), 10.0), tmp_path / 'bag'))
+    assert main(['check', bag]) == 1
+    said = capsys.readouterr().out
+    assert 'fault: something pulls at the tool' in said and 'estimate: yes' in said
+
+
 @pytest.mark.parametrize('stiffness, slack, hook, seed', first([
     (10.0, 0.45, (0.0, 0.5, -0.2), 0), (40.0, 0.2, (0.0, 0.0, 0.5), 4),
     (40.0, 0.2, (0.0, 0.0, 0.5), 1), (40.0, 0.45, (0.0, 0.0, 0.5), 3)], 2))
