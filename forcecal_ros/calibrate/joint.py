@@ -420,7 +420,7 @@ def require_tool(fit: JointFit, has_position: bool, largest_delay: float) -> Non
         raise DataError(
             f'forces differ from those of a rigid tool by {fit.scale[0]:.3g} N RMS, '
             f'{above(100 * fit.unexplained, 100 * most)} % of the variation of its weight '
-            f'({varies:.3g} N; at most {100 * most:g} % is accepted); record without contact and '
+            f'({varies:.3g} N; at most {100 * most:g} % is accepted); record without contact or '
             'cable forces; if the message repeats, check that wrench and pose use the same axes')
     if abs(fit.delay) >= 0.95 * largest_delay:
         raise DataError(

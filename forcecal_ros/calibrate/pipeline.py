@@ -451,7 +451,7 @@ def calibrate_by_motion(recording: Recording, settings: IdentificationSettings, 
         warnings.append(
             f'forces differ from those of a rigid tool by {found.scale[0]:.2g} N RMS, '
             f'{found.unexplained:.0%} of the variation of its weight; check that wrench and pose '
-            'have the same axes, and record without contact and cable forces; suspect: '
+            'have the same axes, and record without contact or cable forces; suspect: '
             + ', '.join(suspect))
     quality = {
         'method': 'motion', 'warnings': warnings, 'suspect': suspect,

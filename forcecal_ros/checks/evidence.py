@@ -256,8 +256,8 @@ class Explained(NamedTuple):
     """
     Force and torque of a recording as a rigid tool's, with the gravity in ft_sensor.
 
-    The torque is that of an inertia of so many ``times`` the weight: as many as the force shows,
-    or 1 if that fits it better, where a cable or contact pulls at the force.
+    The torque is that of a tool whose inertia is ``times`` that of its weight: the ratio that the
+    force shows, or 1 if that fits the torque better, where a cable or contact spoils the force.
     """
 
     force: Fit

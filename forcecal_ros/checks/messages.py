@@ -137,14 +137,12 @@ def of(best: Any, plain: Any, stated: Stated, close: Sequence[Any]) -> str:
 
 def slight(best: Any, stated: Stated) -> str:
     """Name what is too slight to be refused."""
-    if best.name.endswith('changes'):
-        return '; '.join(_changed(best)[1:])
+    if best.name in SIZED:
+        return '; '.join(SIZED[best.name](best)[1:])
     if best.name == 'bias drifts':
         drift = best.motion.extra @ best.fit.force.theta[-9:-3]
         return (f'the force bias drifts by {np.linalg.norm(np.ptp(drift, axis=0)):.2g} N during '
                 'the recording; let the sensor warm up, and record again')
-    if best.name == 'pulled':
-        return '; '.join(_pulled(best)[1:])
     if best.name == 'smoothed':
         tau = best.motion.path.smoothing
         how = f'a low-pass of {0.5 / np.pi / tau:.2g} Hz' if tau > 0.0 else (
@@ -295,8 +293,8 @@ def _cause(one: Any, plain: Any, stated: Stated) -> tuple[str, str] | None:
                 'calibrate its matrix (forcecal insitu)') if size > MAX_SLIGHT_CROSSTALK else None
     if name == 'clock':
         return clock('wrench', one.motion, plain.motion)
-    if name == 'pulled' or name.endswith('changes'):
-        size, *said = (_pulled if name == 'pulled' else _changed)(one)
+    if name in SIZED:
+        size, *said = SIZED[name](one)
         return (said[0], said[1]) if size > SLIGHT * abs(one.fit.mass) else None
     causes = []
     if 'rotated' in name and _angle(Q := one.motion.axes) > TOLERANCE_DEG:
@@ -318,14 +316,14 @@ def clock(stream: str, moved: Motion, plain: Motion) -> tuple[str, str]:
              f'{-late:+.2f} s to all stamps of {stream}'))
 
 
-def _pulled(one: Any) -> tuple[float, str, str]:
+def _cable(one: Any) -> tuple[float, str, str]:
     """Say what pulls at the tool, by how much as a mass [kg], and what to do."""
     theta, std = one.fit.force.theta[-6:-3], one.fit.force.std[-6]
     pull = np.linalg.norm((one.motion.extra @ theta)[one.motion.usable], axis=1).max()
     return (pull / float(np.linalg.norm(one.motion.gravity)), (
         f'something pulls at the tool by up to {pull:.2g} N, like a spring of '
         f'{quantity(-theta[0], std, "N/m")} to a place that does not move (a cable, a hose, a '
-        'balancer)'), 'detach it, or let it hang loosely, and record again')
+        'balancer)'), 'detach it or let it hang loosely, and record again')
 
 
 def _changed(one: Any) -> tuple[float, str, str]:
@@ -350,6 +348,11 @@ def _changed(one: Any) -> tuple[float, str, str]:
         f'{begin} a horizontal force of {size:.2g} N keeps its direction in base in all '
         'orientations: the base tilted (or drives over a slope), or a constant force acts'),
         'its force is reported as contact; calibrate with a recording without this change')
+
+
+SIZED = {'cable': _cable, **dict.fromkeys(
+    ('bias changes', 'load changes', 'vertical changes'), _changed)}
+"""Rows that are refused from a part of the weight on, and what says their size and words."""
 
 
 def _turn_std(one: Any) -> float:

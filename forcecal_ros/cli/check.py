@@ -83,7 +83,7 @@ def inspect(recording: 'Recording') -> dict[str, Any]:
     # what is about the recording spoils every use, what a calibration alone lacks does not
     fault = why if about or recording.removed is None else ''
     row = TABLE_BY_NAME.get(about)
-    spoilt = '' if row and row.is_note else fault  # else for a calibration alone
+    spoilt = '' if row and row.is_note else fault  # which is a note where the tool is known
     quality = {} if found is None else found.quality
     return {**document, 'fault': fault, 'notes': [
         *recording.notes, *quality.get('warnings', ()), *quality.get('questions', ())],

@@ -137,7 +137,7 @@ KINDS: dict[str, str] = {
     'FC0413': 'checks.gravity:refuse_on_another_link rig_fit.fit:_with_accelerometer',
     # calibration
     'FC0501': 'calibrate.joint:require_rotation calibrate.tool calibrate.accelerometer',
-    'FC0502': 'calibrate calibrate.joint:require_tool checks.hypotheses:judge/pulled',
+    'FC0502': 'calibrate calibrate.joint:require_tool checks.hypotheses:judge/cable',
     'FC0503': 'calibrate.delay calibrate.paper',
     'FC0504': 'calibrate.poses core.noise.autocovariance',
     'FC0505': 'calibrate.gain observe.bandwidth observe.bias_filter observe.playback:white_noise',

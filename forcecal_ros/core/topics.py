@@ -196,8 +196,8 @@ def candidates(available: Collection[Topic], found: Mapping[str, Topic],
     """
     used = {topic.name for topic in found.values()}
     free = [topic for topic in available if topic.name not in used and not topic.is_output]
-    joints = [*free, *(topic for role, topic in found.items() if role == 'joint_states')]
-    from_joints = [JOINT_POSE] if any(topic.type == JOINT_STATE for topic in joints) else []
+    from_joints = [JOINT_POSE] if 'joint_states' in found or any(
+        topic.type == JOINT_STATE for topic in free) else []
     return {role: names for role in roles if role not in found
             and (names := (*sorted(
                 topic.name for topic in free if topic.type in ROLES[role].types),

@@ -11,7 +11,6 @@ from forcecal_ros.checks.hypotheses import judge, Known, refuse_other_mass
 from forcecal_ros.checks.messages import Stated
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import rotation_from_vector
-from forcecal_ros.core.streams import Stream
 from forcecal_ros.diagnose.recordings import require_axes_of
 from forcecal_ros.sim.rig.file import load_rig
 from longer import first
@@ -136,13 +135,9 @@ def test_a_known_tool_tells_units_and_signs_while_the_arm_moves(row):
 
 def test_a_cable_that_lifts_most_of_the_tool_is_no_unit_of_force():
     """A weight of 1 / 4.45 as much would be in lbf, were there little else in the forces."""
-    one = moving(2)
-    place = Stream(one.pose_t, one.place).at(one.t)
     up = (1.0 - 1.0 / 4.448) * moving_arm.MASS * 9.80665
-    pull = np.einsum('nji,nj->ni', wrong_recordings.at_wrench(one),
-                     [0.0, 0.0, up] - 20.0 * (place - place.mean(axis=0)))
-    note, = judge(recording_of(replace(one, wrench=one.wrench + np.hstack([pull, 0.0 * pull]))),
-                  DOWN, Stated(by='calibration'), KNOWN)
+    one = wrong_recordings.pulled(moving(2), lambda place: [0.0, 0.0, up] - 20.0 * place)
+    note, = judge(recording_of(one), DOWN, Stated(by='calibration'), KNOWN)
     assert note.startswith('something pulls at the tool by up to') and ' lbf' not in note
 
 

@@ -168,7 +168,7 @@ def test_a_shake_that_is_later_than_poses_show_is_no_delay_of_the_imu(seed, size
     assert diagnosis.verdict == ('identified' if effects else 'no_gap')
 
 
-def pulled(recording, shape, size):
+def with_pull(recording, shape, size):
     """Pull along y by a function of orientation and angle turned about z, of a size [N RMS]."""
     R = np.array(recording.pose.R_base_sensor)
     turns = Rotation.from_matrix(np.swapaxes(R[:-1], 1, 2) @ R[1:]).as_rotvec()[:, 2]
@@ -182,7 +182,7 @@ def pulled(recording, shape, size):
 @pytest.mark.parametrize('effect, name, true', [
     ('wrench_gain', 'fz', 0.04), ('wrench_crosstalk', 'fx_of_fz', 0.03)])
 def test_a_cable_that_winds_up_hides_no_small_gain_or_crosstalk(effect, name, true):
-    robot = pulled(real({effect: {name: true}}), lambda R, turned: turned, 0.026)
+    robot = with_pull(real({effect: {name: true}}), lambda R, turned: turned, 0.026)
     diagnosis = PairSource(TOLERANCES, simulated()).diagnose(robot).diagnosis
     first = diagnosis.effects[0]
     found = first.parameters[name]
@@ -194,7 +194,7 @@ def test_a_cable_that_winds_up_hides_no_small_gain_or_crosstalk(effect, name, tr
 
 def test_what_is_left_is_a_gap_or_not_by_the_stated_tolerance(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    write_recording('real', pulled(real({}), lambda R, turned: R[:, 2, 0]**2, 0.05))
+    write_recording('real', with_pull(real({}), lambda R, turned: R[:, 2, 0]**2, 0.05))
     write_recording('sim', simulated())
     for options, verdict in (([], 'unknown'), (['--tolerance', '0.5'], 'no_gap')):
         assert main([*ALONE.split(), *options]) == 0

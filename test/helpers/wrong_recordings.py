@@ -326,6 +326,14 @@ def about_another_point(one, lever):
     return replace(one, wrench=out)
 
 
+def pulled(one, pull, lever=0.0):
+    """Add a force in base by how far the sensor is from its mean place, so far along z of it."""
+    place = Stream(one.pose_t, one.place).at(one.t)
+    force = np.einsum('nji,nj->ni', at_wrench(one), pull(place - place.mean(axis=0)))
+    return replace(one, wrench=one.wrench + np.hstack([
+        force, np.cross([0.0, 0.0, lever], force)]))
+
+
 def bursts(one, size):
     """Stamp on arrival, so many messages at once."""
     last = (np.arange(len(one.t)) // size + 1) * size - 1
